@@ -1,0 +1,62 @@
+"""Compiled kernels whose disk cache can be trusted.
+
+Numba decides whether a cached machine code is fresh by looking only at the file that defines the function; an
+edit in a *helper's* file goes unnoticed. Here the cache folder is named by a hash of every source file of the
+package that asks, so that any edit leads to a fresh folder and an unchanged package always starts from the cache.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+
+
+def _cache_root() -> Path:
+    """Folder under which all cache folders lie; an existing `NUMBA_CACHE_DIR` is respected."""
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        return Path(os.environ["NUMBA_CACHE_DIR"])
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "granfabric"
+
+
+@cache
+def cache_directory(*packages: str) -> Path:
+    """Cache folder for kernels that use the sources of the named packages.
+
+    Parameters
+    ----------
+    packages : str
+        Import names of top-level packages, for instance ``"constitutive"``.
+    """
+    digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:3]}".encode())
+    for package in packages:
+        folder = Path(__file__).resolve().parent.parent / package
+        for source in sorted(folder.rglob("*.py")):
+            digest.update(source.name.encode())
+            digest.update(source.read_bytes())
+    return _cache_root() / "kernels" / digest.hexdigest()[:16]
+
+
+def compiled(packages: tuple[str, ...] = ("constitutive",), **options: Any) -> Callable[[Callable], Any]:
+    """Decorator: `numba.njit` with NumPy division rules and a disk cache keyed by the packages' sources.
+
+    Only the decoration itself sees the cache folder, so that other packages of the process keep their own.
+    """
+    settings: dict[str, Any] = {"cache": True, "error_model": "numpy", **options}
+
+    def decorate(function: Callable) -> Any:
+        before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+        numba.config.CACHE_DIR = str(cache_directory(*packages))  # type: ignore[attr-defined]
+        try:
+            return numba.njit(**settings)(function)
+        finally:
+            numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
+
+    return decorate
