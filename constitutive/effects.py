@@ -1,0 +1,41 @@
+"""Which mechanisms of the contact law are simulated.
+
+Each effect can be off. An effect that is off executes nothing, carries no state column and needs no parameter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+
+@dataclass(frozen=True)
+class Effects:
+    """The effect set of a contact law.
+
+    Parameters
+    ----------
+    contact_loss : bool
+        Contacts open where the mean normal force falls [Pouragha & Wan 2017, eqs 9, 10].
+    contact_gain : bool
+        Gaps close where the mean normal force rises [eqs 9, 13].
+    principal_rotation : bool
+        Anisotropies are vectors in the double-angle plane. If off, only their component along the x-y axes is
+        followed, which is exact where principal axes of stress and fabric stay along x and y.
+    stiffness_feedback : bool
+        The stiffness follows the coordination number and the fabric. If off, the stiffness of the initial state stays.
+    """
+
+    contact_loss: bool = True
+    contact_gain: bool = True
+    principal_rotation: bool = True
+    stiffness_feedback: bool = True
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Names of all effects, as used in scenes."""
+        return tuple(field.name for field in fields(cls))
+
+    @property
+    def network_changes(self) -> bool:
+        """Whether coordination number and fabric can change at all."""
+        return self.contact_loss or self.contact_gain

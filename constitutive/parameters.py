@@ -1,0 +1,189 @@
+"""Parameters of the contact law: the material, the choice of closure, and the numerics of its integration.
+
+Names are those of the scene files. Each parameter is declared once, with meaning, unit and physical bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from .contract import Array, Variable
+
+ForceChange = Literal["mean_field"]
+Tangential = Literal["neglected", "self_consistent"]
+Distribution = Literal["harmonic", "maximum_entropy"]
+ArcIntegration = Literal["closed_form", "gauss"]
+Integrator = Literal["forward_euler", "modified_euler", "kutta", "bogacki_shampine", "dormand_prince"]
+
+
+class ParameterError(ValueError):
+    """A parameter has an illegal value; the text names it, the value and what is legal."""
+
+
+def _declare(variable: Variable) -> Any:
+    if variable.default is None:
+        return field(metadata={"variable": variable})
+    return field(default=variable.default, metadata={"variable": variable})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Material:
+    """One granular material: what a packing is before loading. Shear and stiffness in Pa (disks of unit thickness).
+
+    See `Material.variables` for meaning, unit and bounds of each entry.
+    """
+
+    coordination: float = _declare(
+        Variable("coordination", "coordination number z of the initial packing", lower=1e-3, upper=6.0)
+    )
+    solid_fraction: float = _declare(Variable("solid_fraction", "solid fraction phi", lower=1e-3, upper=1.0))
+    normal_stiffness: float = _declare(
+        Variable("normal_stiffness", "normal contact stiffness kn", "Pa", lower=1e-300, upper=1e300)
+    )
+    stiffness_ratio: float = _declare(
+        Variable("stiffness_ratio", "tangential over normal contact stiffness kt/kn", lower=0.0, upper=1.0, default=1.0)
+    )
+    force_density_at_zero: float = _declare(
+        Variable(
+            "force_density_at_zero",
+            "density P0 of normal forces (divided by their mean) at zero force",
+            lower=0.0,
+            upper=10.0,
+            default=0.5,
+        )
+    )
+    gap_density_at_zero: float = _declare(
+        Variable(
+            "gap_density_at_zero",
+            "density P_xi0 of gaps (divided by the mean diameter) of neighbours at zero gap",
+            lower=0.0,
+            upper=1e6,
+            default=3.0,
+        )
+    )
+    neighbours: float = _declare(
+        Variable("neighbours", "mean number of Dirichlet neighbours z_nb", lower=1.0, upper=20.0, default=6.0)
+    )
+    force_anisotropy_ratio: float = _declare(
+        Variable("force_anisotropy_ratio", "normal-force anisotropy c_n = a_n/(q/p)", lower=0.0, upper=2.0, default=1.0)
+    )
+    bulk_reduction: float = _declare(
+        Variable("bulk_reduction", "bulk modulus over its uniform-strain estimate", lower=1e-3, upper=2.0, default=1.0)
+    )
+    shear_reduction: float = _declare(
+        Variable("shear_reduction", "shear modulus over its uniform-strain estimate", lower=1e-3, upper=2.0, default=1.0)
+    )
+    initial_fabric_xx: float = _declare(
+        Variable("initial_fabric_xx", "a_c(0), component along cos 2 theta", lower=-2.0, upper=2.0, default=0.0)
+    )
+    initial_fabric_xy: float = _declare(
+        Variable("initial_fabric_xy", "a_c(0), component along sin 2 theta", lower=-2.0, upper=2.0, default=0.0)
+    )
+
+    def __post_init__(self) -> None:
+        for variable in self.variables():
+            value = getattr(self, variable.name)
+            if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)):
+                raise ParameterError(f"material.{variable.name} = {value!r} is not a number")
+            if not (np.isfinite(value) and variable.lower <= value <= variable.upper):
+                raise ParameterError(
+                    f"material.{variable.name} = {value!r} is outside its physical bounds "
+                    f"[{variable.lower:g}, {variable.upper:g}] ({variable.meaning}, unit {variable.unit})"
+                )
+
+    @classmethod
+    def variables(cls) -> tuple[Variable, ...]:
+        """Declaration of every parameter, in table order."""
+        return tuple(entry.metadata["variable"] for entry in fields(cls))
+
+
+def _check_choice(owner: str, name: str, value: object, legal: tuple[str, ...]) -> None:
+    if value not in legal:
+        near = get_close_matches(str(value), legal, n=1, cutoff=0.0)
+        raise ParameterError(
+            f"{owner}.{name} = {value!r} is not one of {', '.join(legal)}; the nearest is {near[0]!r}"
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Closure:
+    """How the change of contact forces is closed.
+
+    Parameters
+    ----------
+    force_change : {"mean_field"}
+        Force change of weak contacts: every contact of a direction feels the mean change (the source).
+    tangential : {"neglected", "self_consistent"}
+        ``b = 2 ds`` (the source, a_t constant) or ``b = c_n ds + da_c``.
+    distribution : {"harmonic", "maximum_entropy"}
+        Directional density of contacts for a given a_c.
+    """
+
+    force_change: ForceChange = "mean_field"
+    tangential: Tangential = "neglected"
+    distribution: Distribution = "harmonic"
+
+    def __post_init__(self) -> None:
+        _check_choice("closure", "force_change", self.force_change, get_args(ForceChange))
+        _check_choice("closure", "tangential", self.tangential, get_args(Tangential))
+        _check_choice("closure", "distribution", self.distribution, get_args(Distribution))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Integration:
+    """Numerics of the update at a point.
+
+    Parameters
+    ----------
+    integrator : {"forward_euler", "modified_euler", "kutta", "bogacki_shampine", "dormand_prince"}
+        Explicit Runge-Kutta scheme; all but the first control their error by an embedded lower order:
+        2(1), 3(2) in three stages, 3(2) in four, 5(4).
+    tolerance : float
+        Local error allowed per substep, relative to the state.
+    substeps : int
+        Number of substeps of `forward_euler`.
+    maximum_substeps : int
+        A point that needs more fails with a status.
+    arc_integration : {"closed_form", "gauss"}
+        Integrals over the arcs of loss and gain. The maximum-entropy distribution has no closed form and always uses
+        the quadrature.
+    directions : int
+        Gauss points on each arc.
+    """
+
+    integrator: Integrator = "kutta"
+    tolerance: float = 1e-6
+    substeps: int = 10
+    maximum_substeps: int = 100_000
+    arc_integration: ArcIntegration = "closed_form"
+    directions: int = 32
+
+    def __post_init__(self) -> None:
+        _check_choice("integration", "integrator", self.integrator, get_args(Integrator))
+        _check_choice("integration", "arc_integration", self.arc_integration, get_args(ArcIntegration))
+        if not 1e-14 <= self.tolerance <= 1.0:
+            raise ParameterError(f"integration.tolerance = {self.tolerance!r} is outside [1e-14, 1]")
+        for name, least, most in (
+            ("substeps", 1, 10_000_000),
+            ("maximum_substeps", 1, 100_000_000),
+            ("directions", 4, 512),
+        ):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+                raise ParameterError(f"integration.{name} = {value!r} is not an integer in [{least}, {most}]")
+
+
+def parameter_table(materials: Sequence[Material]) -> Array:
+    """Rows of parameters for the kernels, one a material, columns in the order of `Material.variables`.
+
+    Returns
+    -------
+    ndarray, shape (nmaterials, nparameters)
+    """
+    names = [variable.name for variable in Material.variables()]
+    return np.array([[float(getattr(material, name)) for name in names] for material in materials])
