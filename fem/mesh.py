@@ -1,0 +1,177 @@
+"""The host's mesh: scikit-fem topology with boundaries and regions by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import skfem
+from numpy.typing import NDArray
+
+from .mesh_checks import MeshError, nearest_name, oriented_cells
+from .mesh_file import read_raw
+
+__all__ = ["HostMesh", "MeshError", "build_mesh", "read_mesh", "rectangle"]
+
+
+@dataclass(frozen=True)
+class HostMesh:
+    """A plane mesh of straight-sided triangles or quadrilaterals.
+
+    Parameters
+    ----------
+    mesh : skfem.MeshTri1 or skfem.MeshQuad1
+        Geometry and topology; coordinates in m.
+    boundaries : dict of str to ndarray of int
+        Facet indices of each named curve (also curves inside the domain).
+    regions : dict of str to ndarray of int
+        Element indices of each named surface.
+    """
+
+    mesh: Any
+    boundaries: dict[str, NDArray[np.int64]]
+    regions: dict[str, NDArray[np.int64]]
+
+    @property
+    def cell(self) -> str:
+        """"triangle" or "quad"."""
+        return "triangle" if self.mesh.t.shape[0] == 3 else "quad"
+
+    def facets(self, name: str) -> NDArray[np.int64]:
+        """Facets of the named curve.
+
+        Raises
+        ------
+        MeshError
+            If the mesh has no such curve; names the nearest.
+        """
+        if name not in self.boundaries:
+            raise MeshError(f"the mesh has no boundary {name!r}; {nearest_name(name, list(self.boundaries))}")
+        return self.boundaries[name]
+
+    def cells(self, name: str) -> NDArray[np.int64]:
+        """Elements of the named surface.
+
+        Raises
+        ------
+        MeshError
+            If the mesh has no such surface; names the nearest.
+        """
+        if name not in self.regions:
+            raise MeshError(f"the mesh has no region {name!r}; {nearest_name(name, list(self.regions))}")
+        return self.regions[name]
+
+
+def build_mesh(
+    points: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    lines: dict[str, NDArray[np.int64]] | None = None,
+    regions: dict[str, NDArray[np.int64]] | None = None,
+) -> HostMesh:
+    """Checked mesh from raw arrays.
+
+    Parameters
+    ----------
+    points : ndarray, shape (npoints, 2)
+        Coordinates [m]. Points that no element uses are dropped.
+    cells : ndarray of int, shape (nelem, 3 or 4)
+        Corners, clockwise or counter-clockwise.
+    lines : dict of str to ndarray of int, shape (nlines, 2), optional
+        Node pairs of each named curve; each pair must be an element edge.
+    regions : dict of str to ndarray of int, optional
+        Element indices of each named surface.
+
+    Raises
+    ------
+    MeshError
+        If the mesh is not usable.
+    """
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    cells = np.asarray(cells, dtype=np.int64)
+    if not len(cells):
+        raise MeshError("the mesh has no triangles or quadrilaterals")
+    if not np.isfinite(points).all():
+        raise MeshError("the mesh holds a coordinate that is not finite")
+    cells = oriented_cells(points, cells)
+    used, inverse = np.unique(cells, return_inverse=True)
+    renumber = np.full(len(points), -1, dtype=np.int64)
+    renumber[used] = np.arange(len(used))
+    kind = skfem.MeshTri1 if cells.shape[1] == 3 else skfem.MeshQuad1
+    corners = np.ascontiguousarray(inverse.reshape(cells.shape).T)
+    mesh = kind(np.ascontiguousarray(points[used].T), corners)
+    nodes = mesh.p.shape[1]
+    facet_keys = np.sort(mesh.facets.astype(np.int64), axis=0)
+    keys = facet_keys[0] * nodes + facet_keys[1]
+    order = np.argsort(keys)
+    boundaries = {}
+    for name, pairs in (lines or {}).items():
+        ends = np.sort(renumber[np.asarray(pairs, dtype=np.int64).reshape(-1, 2)], axis=1)
+        wanted = ends[:, 0] * nodes + ends[:, 1]
+        position = np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)
+        found = order[position]
+        bad = (ends < 0).any(axis=1) | (keys[found] != wanted)
+        if bad.any():
+            a, b = points[np.asarray(pairs).reshape(-1, 2)[int(np.argmax(bad))]]
+            raise MeshError(
+                f"curve {name!r} has a segment from ({a[0]:.6g}, {a[1]:.6g}) to ({b[0]:.6g}, {b[1]:.6g}) that is not "
+                "the edge of any element"
+            )
+        boundaries[name] = np.unique(found)
+    named = {name: np.unique(np.asarray(index, dtype=np.int64)) for name, index in (regions or {}).items()}
+    return HostMesh(mesh, boundaries, named)
+
+
+def read_mesh(path: str | Path) -> HostMesh:
+    """Read a Gmsh file (MSH 2.2 or 4.1) with boundaries and regions by physical group.
+
+    Parameters
+    ----------
+    path : str or Path
+        A `.msh` file of first-order triangles or quadrilaterals in the x-y plane; of elements of higher order with
+        straight sides only the corners are used.
+
+    Raises
+    ------
+    MeshError
+        If the file cannot be read, is not plane, or holds degenerate, inverted, curved or mixed elements.
+    """
+    try:
+        return build_mesh(*read_raw(Path(path)))
+    except MeshError as error:
+        raise MeshError(f"mesh {path}: {error}") from None
+
+
+def rectangle(width: float, height: float, nx: int, ny: int, cell: str = "triangle") -> HostMesh:
+    """Structured mesh of ``[0, width] x [0, height]``.
+
+    Parameters
+    ----------
+    width, height : float
+        Sizes [m].
+    nx, ny : int
+        Number of squares along x and y.
+    cell : {"triangle", "quad"}
+        Triangles halve each square from its lower left to its upper right corner.
+
+    Returns
+    -------
+    HostMesh
+        With boundaries ``bottom, right, top, left`` and region ``all``.
+    """
+    if cell not in ("triangle", "quad"):
+        raise MeshError(f"cell = {cell!r} is not one of 'triangle', 'quad'")
+    if not (width > 0 and height > 0 and nx >= 1 and ny >= 1):
+        raise MeshError(f"a rectangle of {width} m x {height} m in {nx} x {ny} cells is empty")
+    x, y = np.meshgrid(np.linspace(0.0, width, nx + 1), np.linspace(0.0, height, ny + 1))
+    points = np.stack([x.ravel(), y.ravel()], axis=1)
+    node = np.arange(len(points)).reshape(ny + 1, nx + 1)
+    a, b, c, d = (part.ravel() for part in (node[:-1, :-1], node[:-1, 1:], node[1:, 1:], node[1:, :-1]))
+    if cell == "quad":
+        cells = np.stack([a, b, c, d], axis=1)
+    else:
+        cells = np.stack([a, b, c, a, c, d], axis=1).reshape(-1, 3)
+    sides = {"bottom": node[0], "right": node[:, -1], "top": node[-1], "left": node[:, 0]}
+    lines = {name: np.stack([line[:-1], line[1:]], axis=1) for name, line in sides.items()}
+    return build_mesh(points, cells, lines, {"all": np.arange(len(cells))})
