@@ -1,0 +1,5 @@
+"""`python -m cases` is `granfabric`."""
+
+from .cli import main
+
+main()

@@ -1,0 +1,90 @@
+"""Which scenes are shipped, and where a named scene lies."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from shutil import copy2
+
+from .errors import InputError, unknown
+
+HOME = Path(__file__).resolve().parent
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One shipped scene: its name, kind, one-line title, text and file."""
+
+    name: str
+    kind: str
+    title: str
+    description: str
+    file: Path
+
+
+def shipped() -> dict[str, Entry]:
+    """All shipped scenes by name, points first."""
+    entries = []
+    for file in HOME.glob("*/*.toml"):
+        data = tomllib.loads(file.read_text(encoding="utf-8"))
+        entries.append(Entry(file.stem, data["kind"], data["title"], data.get("description", ""), file))
+    entries.sort(key=lambda entry: (entry.kind != "point", entry.name))
+    return {entry.name: entry for entry in entries}
+
+
+def find(scene: str) -> Path:
+    """File of a scene given as a shipped name, a file, or a folder with one scene file in it.
+
+    A shipped name wins over a folder of the same name; write ``./NAME`` for the folder.
+
+    Raises
+    ------
+    InputError
+        If there is nothing of that name.
+    """
+    path = Path(scene)
+    looks_like_path = path.suffix == ".toml" or len(path.parts) > 1 or scene.startswith(".")
+    if not looks_like_path:
+        names = shipped()
+        if scene in names:
+            return names[scene].file
+        if not path.exists():
+            raise InputError(f"{unknown('the scene', scene, names)} (a scene file has the ending .toml)")
+    if path.is_dir():
+        files = sorted(path.glob("*.toml"))
+        if len(files) != 1:
+            raise InputError(f"the folder {scene!r} holds {len(files)} files with the ending .toml; name one of them")
+        return files[0]
+    if not path.is_file():
+        raise InputError(f"the scene file {scene!r} does not exist")
+    return path
+
+
+def copy(name: str, folder: Path) -> list[Path]:
+    """Copy a shipped scene with its mesh into a folder to start from; nothing is overwritten.
+
+    Returns
+    -------
+    list of Path
+        The copies, the scene file first.
+    """
+    names = shipped()
+    if name not in names:
+        raise InputError(unknown("the shipped scene", name, names))
+    file = names[name].file
+    own_folder = len(list(file.parent.glob("*.toml"))) == 1
+    sources = [file]
+    if own_folder:
+        sources += sorted(other for other in file.parent.iterdir() if other.is_file() and other != file)
+    targets = [folder / source.name for source in sources]
+    for target in targets:
+        if target.exists():
+            raise InputError(f"{str(target)!r} exists already and is not overwritten; choose another folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for source, target in zip(sources, targets):
+            copy2(source, target)
+    except OSError as error:
+        raise InputError(f"the folder {str(folder)!r} cannot be written: {error.strerror}") from error
+    return targets

@@ -1,0 +1,125 @@
+"""The command line `granfabric`.
+
+Heavy modules are imported by the commands that need them, so that help and the list of scenes appear at once.
+Exit codes: 0 done; 1 the computation could not finish (what was reached is on disk); 2 bad input.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from .errors import InputError, RunError
+
+app = typer.Typer(
+    name="granfabric",
+    help="Contact gain and loss in granular assemblies: at a point, and in boundary-value problems.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A shipped scene's name or a scene file.")]
+OutputOption = Annotated[
+    Optional[Path],  # noqa: UP045  (typer reads the annotation at run time)
+    typer.Option("-o", "--output", metavar="DIR", help="Result folder; results/SCENE if not given."),
+]
+SetOption = Annotated[
+    Optional[list[str]],  # noqa: UP045
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scene, e.g. material.coordination=3.9."),
+]
+
+
+def _folder(output: Path | None, name: str) -> Path:
+    return output if output is not None else Path("results") / name
+
+
+def _exit(outcome: str) -> None:
+    if outcome != "finished":
+        raise typer.Exit(1)
+
+
+@app.command()
+def run(scene: SceneArgument, output: OutputOption = None, assignments: SetOption = None) -> None:
+    """Compute a boundary-value problem."""
+    from .run import run_field
+    from .scene import load
+    from .screen import Screen
+
+    loaded = load(scene, assignments or [])
+    _exit(run_field(loaded, _folder(output, loaded.name), Screen()).outcome)
+
+
+@app.command()
+def point(scene: SceneArgument, output: OutputOption = None, assignments: SetOption = None) -> None:
+    """Compute one point along a path of stress or strain."""
+    from .point import run_point
+    from .scene import load
+    from .screen import Screen
+
+    loaded = load(scene, assignments or [])
+    _exit(run_point(loaded, _folder(output, loaded.name), Screen()).outcome)
+
+
+@app.command()
+def scenes(
+    name: Annotated[Optional[str], typer.Argument(metavar="[NAME]", help="Show the text of this scene.")] = None,  # noqa: UP045
+    copy: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--copy", metavar="NAME", help="Copy this scene into a folder to start from."),
+    ] = None,
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("-o", "--output", metavar="DIR", help="Folder for --copy; NAME if not given."),
+    ] = None,
+) -> None:
+    """List the shipped scenes, show the text of one, or copy one."""
+    from . import catalogue
+    from .errors import unknown
+
+    if copy is not None:
+        for file in catalogue.copy(copy, output if output is not None else Path(copy)):
+            typer.echo(str(file))
+        return
+    entries = catalogue.shipped()
+    if name is not None:
+        if name not in entries:
+            raise InputError(unknown("the shipped scene", name, entries))
+        entry = entries[name]
+        typer.echo(f"{entry.name} ({entry.kind}): {entry.title}\n\n{entry.description.strip()}")
+        return
+    for kind, command in (("point", "granfabric point NAME"), ("field", "granfabric run NAME")):
+        typer.echo(f"{command}")
+        for entry in entries.values():
+            if entry.kind == kind:
+                typer.echo(f"  {entry.name:18} {entry.title}")
+
+
+@app.command()
+def plot(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished or interrupted run.")],
+) -> None:
+    """Make the pictures of a run from its files."""
+    from .plots import draw_folder
+
+    for file in draw_folder(directory):
+        typer.echo(str(file))
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    try:
+        app()
+    except InputError as error:
+        sys.stderr.write(f"granfabric: {error}\n")
+        sys.exit(2)
+    except (RunError, OSError) as error:
+        sys.stderr.write(f"granfabric: {error}\n")
+        sys.exit(1)
+    except KeyboardInterrupt:
+        sys.stderr.write("granfabric: interrupted\n")
+        sys.exit(1)

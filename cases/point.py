@@ -1,0 +1,100 @@
+"""One material point along a path of stress or strain: `granfabric point`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from constitutive.path import PathHistory, drive
+
+from . import build, files
+from .compile_watch import watching
+from .effects_choice import resolve_effects
+from .errors import InputError
+from .interruption import stop_wish
+from .record import Record, resolved
+from .scene import LoadedScene
+from .screen import Screen, spread
+
+COMPILATION_SECONDS = 30
+"""Rough time to compile the kernels of the point law, for the message on first use."""
+
+TABLE_COLUMNS = ("step", "p", "q", "coordination", "fabric_anisotropy", "normal_force_anisotropy", "mean_normal_force")
+
+
+def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
+    """Compute a point scene and write its files.
+
+    Parameters
+    ----------
+    loaded : LoadedScene
+        Of kind "point".
+    folder : Path
+        Result folder: new, empty, or of an earlier run, which is replaced.
+    screen : Screen
+
+    Returns
+    -------
+    Record
+        As written to `run.json`; `outcome` is "finished", "stopped" or "failed".
+
+    Raises
+    ------
+    InputError
+        If the scene is of another kind or the folder cannot be used; then nothing was written.
+    """
+    scene = loaded.scene
+    if scene.kind != "point":
+        raise InputError(f"{loaded.file}: kind = {scene.kind!r} is not a point scene; use `granfabric run {loaded.name}`")
+    effects = resolve_effects(scene)
+    law, legs = build.law(scene, effects), build.legs(scene)
+    files.prepare_output(folder)
+    record = Record(folder, loaded.name, resolved(loaded, effects))
+    record.write()
+    total = sum(leg.increments for leg in legs)
+    with (
+        watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
+        stop_wish(screen.announce_stop) as stop,
+        screen.progress(loaded.name, total) as advance,
+        record.phase("path"),
+    ):
+        done = 0
+
+        def on_step(*_: object) -> None:
+            nonlocal done
+            done += 1
+            advance(done, f"step {done} of {total}")
+
+        history = drive(law, scene.initial.stress, legs, on_step=on_step, stop=stop)
+    record.timing["compilation"] = watch.seconds
+    record.timing["path"] -= watch.seconds
+    names = list(history.columns)
+    rows = list(zip(*(history.columns[name].tolist() for name in names)))
+    files.write_text(folder / files.HISTORY, files.csv_text(names, rows))
+    record.details["steps"] = len(rows) - 1
+    record.outcome = "finished" if history.finished else "stopped" if stop.wished else "failed"
+    record.message = history.message
+    if scene.output.pictures:
+        from .plots import draw
+
+        with record.phase("pictures"):
+            draw(folder, record.scene)
+    record.write()
+    _report(history, record, screen)
+    return record
+
+
+def _report(history: PathHistory, record: Record, screen: Screen) -> None:
+    columns = history.columns
+    chosen = spread(len(columns["step"]), 8)
+    rows = []
+    for row in chosen:
+        p, q = columns["p"][row], columns["q"][row]
+        values = [f"{int(columns['step'][row])}", f"{p / 1e3:.2f}", f"{q / p:.3f}"]
+        rows.append(values + [f"{columns[name][row]:.4f}" for name in TABLE_COLUMNS[3:]])
+    screen.table(record.scene["title"], ["step", "p [kPa]", "q/p", "z", "a_c", "a_n", "f/f0"], rows)
+    if record.outcome != "finished":
+        screen.say(f"{record.outcome} after {record.details['steps']} steps: {record.message}")
+    screen.say(
+        f"{record.details['steps']} steps in {record.timing['path']:.2f} s "
+        f"(compilation {record.timing['compilation']:.1f} s); results in {record.folder}"
+    )

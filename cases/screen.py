@@ -1,0 +1,62 @@
+"""What a run says while it works and at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+
+class Screen:
+    """Progress and messages on a terminal; plain lines elsewhere."""
+
+    def __init__(self, console: Console | None = None) -> None:
+        self.console = console or Console(highlight=False)
+
+    def say(self, text: str) -> None:
+        """One line."""
+        self.console.print(text, markup=False, soft_wrap=True)
+
+    def announce_compilation(self, about: int) -> Callable[[], None]:
+        """Callback that says that kernels are being compiled, `about` seconds on an ordinary computer."""
+        return lambda: self.say(f"compiling kernels (first use, about {about} s)")
+
+    def announce_stop(self) -> None:
+        """Answer to Ctrl-C."""
+        self.say("stopping after this step (Ctrl-C again stops at once)")
+
+    @contextmanager
+    def progress(self, what: str, total: float) -> Iterator[Callable[[float, str], None]]:
+        """Bar on a terminal; yields ``advance(completed, text)``."""
+        bar = Progress(
+            TextColumn(what),
+            BarColumn(bar_width=30),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[text]}"),
+            console=self.console,
+            transient=True,
+            disable=not self.console.is_terminal,
+        )
+        with bar:
+            task = bar.add_task(what, total=total, text="")
+            yield lambda completed, text: bar.update(task, completed=completed, text=text)
+
+    def table(self, title: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+        """Short table, numbers to the right."""
+        table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+        for place, name in enumerate(names):
+            table.add_column(name, justify="left" if place == 0 else "right", overflow="fold")
+        for row in rows:
+            table.add_row(*row)
+        self.console.print(table)
+
+
+def spread(count: int, shown: int) -> list[int]:
+    """At most `shown` indices of `count` rows, evenly spread, first and last among them."""
+    if count <= shown:
+        return list(range(count))
+    return sorted({round(place * (count - 1) / (shown - 1)) for place in range(shown)})
