@@ -42,17 +42,24 @@ def _is_table_array(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and all(isinstance(item, dict) for item in value)
 
 
+def _entry(name: str, item: Any, inside: bool) -> list[str]:
+    """Line(s) of one plain value; inside a table a list of small tables gets one line for each."""
+    if inside and _is_table_array(item):
+        return [f"{_key(name)} = [", *(f"    {_value(entry)}," for entry in item), "]"]
+    return [f"{_key(name)} = {_value(item)}"]
+
+
 def _lines(table: dict[str, Any], path: tuple[str, ...]) -> list[str]:
-    simple = {name: item for name, item in table.items() if not isinstance(item, dict) and not _is_table_array(item)}
-    lines = [f"{_key(name)} = {_value(item)}" for name, item in simple.items()]
+    def has_heading(item: Any) -> bool:
+        return isinstance(item, dict) or (not path and _is_table_array(item))
+
+    lines = [line for name, item in table.items() if not has_heading(item) for line in _entry(name, item, bool(path))]
     for name, item in table.items():
-        if name in simple:
+        if not has_heading(item):
             continue
         heading = ".".join(_key(part) for part in (*path, name))
         if isinstance(item, dict):
             lines += ["", f"[{heading}]", *_lines(item, (*path, name))]
-        elif len(path) >= 1:  # lists of small tables inside a table read better in one line each
-            lines += [f"{_key(name)} = [", *(f"    {_value(entry)}," for entry in item), "]"]
         else:
             for entry in item:
                 lines += ["", f"[[{heading}]]", *_lines(entry, (*path, name))]

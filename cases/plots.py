@@ -1,0 +1,54 @@
+"""Pictures of a run from its files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import files
+from .errors import InputError
+
+
+def draw_folder(folder: Path) -> list[Path]:
+    """Make the pictures of a result folder anew.
+
+    Raises
+    ------
+    InputError
+        If the folder is not a result of ours, or nothing was computed yet.
+    """
+    record = files.read_record(folder)
+    if record is None:
+        raise InputError(f"{str(folder)!r} is not a result folder: it has no {files.RECORD} of {files.PROGRAM}")
+    if not (folder / files.HISTORY).is_file():
+        raise InputError(f"{str(folder)!r} holds no {files.HISTORY}: nothing was computed before the run ended")
+    return draw(folder, record["scene"])
+
+
+def draw(folder: Path, scene: dict[str, Any]) -> list[Path]:
+    """Make the pictures that belong to the kind of scene.
+
+    Parameters
+    ----------
+    folder : Path
+        Holds `history.csv` and, for fields, the files that `result.pvd` and `points.pvd` name.
+    scene : dict
+        The scene as resolved.
+
+    Returns
+    -------
+    list of Path
+    """
+    table = files.read_csv(folder / files.HISTORY)
+    if not table or not next(iter(table.values())):
+        return []
+    columns = {name: np.array(values) for name, values in table.items()}
+    if scene["kind"] == "point":
+        from .plots_point import draw_point
+
+        return draw_point(folder, columns, scene)
+    from .plots_field import draw_field
+
+    return draw_field(folder, columns, scene)
