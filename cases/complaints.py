@@ -102,7 +102,7 @@ def sentence(error: ValidationError, model: type[BaseModel], data: Any) -> tuple
     )
     first = problems[0]
     keys, owner, declaration = walk(model, first["loc"])
-    key = ".".join(str(part) for part in keys)
+    key = ".".join(str(part) if str(part).isprintable() else repr(part) for part in keys)
     text = _describe(first, key, keys, owner, declaration, data)
     others = len({walk(model, item["loc"])[0].__repr__() for item in problems}) - 1
     if others:

@@ -44,7 +44,9 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
     """
     scene = loaded.scene
     if scene.kind != "point":
-        raise InputError(f"{loaded.file}: kind = {scene.kind!r} is not a point scene; use `granfabric run {loaded.name}`")
+        raise InputError(
+            f"{loaded.file}: kind = {scene.kind!r} is not a point scene; use `granfabric run {loaded.name}`"
+        )
     effects = resolve_effects(scene)
     law, legs = build.law(scene, effects), build.legs(scene)
     files.prepare_output(folder)

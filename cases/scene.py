@@ -87,17 +87,17 @@ def parse_assignment(text: str) -> tuple[tuple[str, ...], Any]:
     """
     key, equals, value = text.partition("=")
     path = tuple(part.strip() for part in key.split("."))
-    if not equals or not all(path):
+    if not equals or not all(part and part.isprintable() for part in path):
         raise InputError(f"--set {text!r} is not of the form key=value, for instance material.coordination=3.9")
     if "\n" in value:  # a further line could hold further keys
-        raise InputError(f"--set {key}: the value has more than one line")
+        raise InputError(f"--set {'.'.join(path)}: the value has more than one line")
     try:
         return path, tomllib.loads(f"value = {value}")["value"]
     except (ValueError, RecursionError) as error:
         if BARE_WORD.fullmatch(value.strip()):
             return path, value.strip()
         raise InputError(
-            f'--set {key}: {value!r} is not a TOML value such as 3.9, true, "text" or [1.0, 2.0]'
+            f'--set {".".join(path)}: {value!r} is not a TOML value such as 3.9, true, "text" or [1.0, 2.0]'
         ) from error
 
 
