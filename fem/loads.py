@@ -1,0 +1,199 @@
+"""Loads and stages as data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Field = Callable[..., Any]
+
+COMPONENTS = ("x", "y")
+
+
+class LoadError(ValueError):
+    """A load or a stage is not possible; the text names it and says what is legal."""
+
+
+def _check_component(owner: str, component: str) -> None:
+    if component not in COMPONENTS:
+        raise LoadError(f"{owner}: component {component!r} is not one of 'x', 'y'")
+
+
+def _check_finite(owner: str, *values: Any) -> None:
+    for value in values:
+        if callable(value):
+            continue
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not np.isfinite(value):
+            raise LoadError(f"{owner} = {value!r} is not a finite number")
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """Hold components of a boundary where they are at the start of the stage (zero in the first stage).
+
+    Parameters
+    ----------
+    boundary : str
+    components : sequence of {"x", "y"}
+    """
+
+    boundary: str
+    components: Sequence[str] = COMPONENTS
+
+    def __post_init__(self) -> None:
+        for component in self.components:
+            _check_component(f"fixed boundary {self.boundary!r}", component)
+
+
+@dataclass(frozen=True)
+class FixedPoint:
+    """Hold components of the node nearest to a point, to stop a rigid motion.
+
+    Parameters
+    ----------
+    point : (float, float)
+        Coordinates [m].
+    components : sequence of {"x", "y"}
+    """
+
+    point: tuple[float, float]
+    components: Sequence[str] = COMPONENTS
+
+    def __post_init__(self) -> None:
+        _check_finite("fixed point", *self.point)
+        for component in self.components:
+            _check_component(f"fixed point {self.point}", component)
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """Prescribed displacement of a boundary.
+
+    Parameters
+    ----------
+    boundary : str
+    component : {"x", "y"}
+    value : float or callable
+        Total displacement at the end of the stage [m]; a callable gets arrays ``x, y`` and returns an array.
+    """
+
+    boundary: str
+    component: str
+    value: float | Field
+
+    def __post_init__(self) -> None:
+        _check_component(f"displacement of boundary {self.boundary!r}", self.component)
+        _check_finite(f"displacement of boundary {self.boundary!r}", self.value)
+
+
+@dataclass(frozen=True)
+class Traction:
+    """Force per area of the undeformed boundary.
+
+    Parameters
+    ----------
+    boundary : str
+    value : (float, float) or callable
+        Components at the end of the stage [Pa]; a callable gets arrays ``x, y, nx, ny`` (outward normal) and returns
+        an array of shape (n, 2).
+    """
+
+    boundary: str
+    value: tuple[float, float] | Field
+
+    def __post_init__(self) -> None:
+        if not callable(self.value):
+            _check_finite(f"traction on boundary {self.boundary!r}", *self.value)
+
+
+@dataclass(frozen=True)
+class Pressure:
+    """Pressure on a boundary, compression positive: a force along minus the outward normal.
+
+    Parameters
+    ----------
+    boundary : str
+    value : float
+        At the end of the stage [Pa].
+    """
+
+    boundary: str
+    value: float
+
+    def __post_init__(self) -> None:
+        _check_finite(f"pressure on boundary {self.boundary!r}", self.value)
+
+
+@dataclass(frozen=True)
+class BodyForce:
+    """Force per volume, for instance gravity.
+
+    Parameters
+    ----------
+    value : (float, float) or callable
+        Components at the end of the stage [N/m^3]; a callable gets arrays ``x, y`` and returns (n, 2).
+    region : str, optional
+        Surface that carries it; everything if not given.
+    """
+
+    value: tuple[float, float] | Field
+    region: str | None = None
+
+    def __post_init__(self) -> None:
+        if not callable(self.value):
+            _check_finite("body force", *self.value)
+
+
+Load = Fixed | FixedPoint | Displacement | Traction | Pressure | BodyForce
+INITIAL = "initial"
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of loading: every load goes linearly from its value at the end of the previous stage to its new one.
+
+    Parameters
+    ----------
+    name : str
+        A first stage named "initial" holds its loads from the outset at full value, in balance with the initial stress.
+    loads : list of Fixed, FixedPoint, Displacement, Traction, Pressure, BodyForce
+    increments : int
+        Number of load steps to begin with.
+    keep : bool
+        What an earlier stage set and this one does not name: if True it stays as it is; if False forces fade to zero and
+        boundaries are released (their reactions fade to zero).
+    """
+
+    name: str
+    loads: Sequence[Load] = field(default_factory=list)
+    increments: int = 1
+    keep: bool = True
+
+    def __post_init__(self) -> None:
+        if isinstance(self.increments, bool) or not isinstance(self.increments, int) or self.increments < 1:
+            raise LoadError(f"stage {self.name!r}: increments = {self.increments!r} is not a positive integer")
+        for load in self.loads:
+            if not isinstance(load, Load):
+                raise LoadError(f"stage {self.name!r}: {load!r} is not a load")
+
+
+def check_stages(stages: Sequence[Stage]) -> None:
+    """Refuse what cannot be run.
+
+    Raises
+    ------
+    LoadError
+    """
+    if not stages:
+        raise LoadError("there are no stages; give at least one")
+    names = [stage.name for stage in stages]
+    for name in names:
+        if names.count(name) > 1:
+            raise LoadError(f"two stages are named {name!r}; names must differ")
+    if INITIAL in names[1:]:
+        raise LoadError(f"stage {INITIAL!r} must be the first one")

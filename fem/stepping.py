@@ -1,0 +1,276 @@
+"""Load stepping: stages in steps that grow and are cut; nothing is committed that has not converged."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .accounting import Accounting
+from .control import ControlError, StepControl
+from .equilibrium import Equilibrium
+from .load_program import StageTerms
+from .newton import StepOutcome, newton_step
+from .problem import Problem
+from .results import FailedPoint, RunSummary, StageStart, StepResult
+
+__all__ = ["ControlError", "FailedPoint", "RunSummary", "StageStart", "StepControl", "StepResult", "solve"]
+
+Array = NDArray[np.float64]
+
+logger = logging.getLogger(__name__)
+
+# A proposal of the law for the next attempt is used between this and the control's own cut.
+SMALLEST_PROPOSAL = 0.1
+# Steps that would leave less than this fraction of themselves are stretched to the end of the stage.
+SLIVER = 1e-9
+
+
+def solve(
+    problem: Problem,
+    control: StepControl | None = None,
+    on_step: Callable[[StepResult], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+    resume: StepResult | None = None,
+) -> RunSummary:
+    """Run all stages.
+
+    Parameters
+    ----------
+    problem : Problem
+    control : StepControl, optional
+    on_step : callable, optional
+        Called with each accepted step.
+    stop : callable, optional
+        Asked before each attempt; True ends the run cleanly.
+    resume : StepResult, optional
+        Go on after this step of the same problem. Newton's iterates may then differ within the tolerance, because the
+        predictor starts from the tangent of a zero increment instead of the last converged one.
+
+    Returns
+    -------
+    RunSummary
+        `finished` is False if a step could not be made small enough or the run was stopped.
+
+    Raises
+    ------
+    ControlError
+        If `resume` does not belong to the problem.
+    LinearSolverError
+        If the chosen linear solver is not installed.
+    """
+    return _Run(problem, control or StepControl(), on_step, stop).execute(resume)
+
+
+class _Run:
+    def __init__(
+        self,
+        problem: Problem,
+        control: StepControl,
+        on_step: Callable[[StepResult], None] | None,
+        stop: Callable[[], bool] | None,
+    ) -> None:
+        self._problem = problem
+        self._control = control
+        self._on_step = on_step
+        self._stop = stop
+        self._accounting = Accounting()
+        with self._accounting.phase("setup"):
+            self._system = Equilibrium(problem, control, self._accounting)
+            space = problem.space
+            self._nodes = {name: space.boundary_nodes(name) for name in space.host_mesh.boundaries}
+        self._step = 0
+        self._reference = np.zeros(space.ndofs)
+        self._failed_point: FailedPoint | None = None
+
+    def execute(self, resume: StepResult | None) -> RunSummary:
+        first = 0
+        if resume is not None:
+            first = self._restore(resume)
+        try:
+            report = self._system.material.initial_tangent(self._control.tangent_kind)
+            if report.failed:
+                return self._summary(False, f"the initial state has no tangent: {report.message}", first, 0.0)
+            for index in range(first, len(self._problem.stages)):
+                fraction, message = self._stage(index, resume if index == first else None)
+                if message:
+                    return self._summary(False, message, index, fraction)
+        finally:
+            logger.info("linear solver %s: %s", self._system.solver_name, self._accounting.counters())
+        return self._summary(True, "all stages completed", len(self._problem.stages) - 1, 1.0)
+
+    def _summary(self, finished: bool, message: str, stage: int, fraction: float) -> RunSummary:
+        return RunSummary(
+            finished,
+            message,
+            self._problem.stages[stage].name,
+            fraction,
+            self._system.solver_name,
+            self._accounting.counters(),
+            dict(self._accounting.seconds),
+            self._failed_point,
+        )
+
+    def _restore(self, resume: StepResult) -> int:
+        names = [stage.name for stage in self._problem.stages]
+        system, material = self._system, self._system.material
+        if resume.stage not in names:
+            raise ControlError(f"the step to go on from belongs to stage {resume.stage!r}, not one of {names}")
+        for name, ours, given in (
+            ("displacement", system.displacement, resume.displacement),
+            ("stress", material.stress_start, resume.stress),
+            ("strain", material.strain_start, resume.strain),
+            ("state", material.state_start, resume.state),
+        ):
+            if ours.shape != np.shape(given):
+                raise ControlError(
+                    f"the step to go on from has a {name} of shape {np.shape(given)}, this problem {ours.shape}"
+                )
+            ours[:] = given
+        self._step = resume.step
+        self._reference = np.array(resume.stage_start.reference)
+        system.refresh_internal_force()
+        return names.index(resume.stage)
+
+    def _start_stage(self, index: int, terms: StageTerms) -> StageStart:
+        """Displacements and fading forces at the start of a stage; the reference forces at the start of the run."""
+        system = self._system
+        fading = np.zeros(system.space.ndofs)
+        if index == 0:
+            force_start = self._force_start(index, terms)
+            imbalance = system.internal_force - force_start
+            imbalance[terms.constrained] = 0.0
+            if self._problem.balance_initial_stress:
+                self._reference = imbalance
+            else:
+                fading = imbalance
+        else:
+            released = terms.released
+            fading[released] = (system.internal_force - terms.force_start - self._reference)[released]
+        return StageStart(system.displacement.copy(), fading, self._reference)
+
+    def _force_start(self, index: int, terms: StageTerms) -> Array:
+        return terms.force_end if index == 0 and self._problem.starts_loaded else terms.force_start
+
+    def _stage(self, index: int, resume: StepResult | None) -> tuple[float, str]:
+        """Run one stage; the fraction reached and a message if it could not be finished."""
+        control, system = self._control, self._system
+        terms = self._problem.program.terms[index]
+        nominal = 1.0 / terms.stage.increments
+        with self._accounting.phase("setup"):
+            system.constrain(terms.constrained)
+            start = self._start_stage(index, terms) if resume is None else resume.stage_start
+        target = np.where(np.isnan(terms.target), start.displacement[terms.constrained], terms.target)
+        force_start = self._force_start(index, terms)
+        fraction = 0.0 if resume is None else resume.fraction
+        increment = control.first_factor * nominal if resume is None else resume.next_increment
+        last_correction: Array | None = None
+        last_increment = increment
+        cuts, iterations, factorisations = 0, 0, self._accounting.factorisations
+        while fraction < 1.0:
+            if self._stop is not None and self._stop():
+                return fraction, "stopped on request"
+            steps_left = max(1, math.ceil((1.0 - fraction) / increment * (1.0 - SLIVER)))
+            tried = (1.0 - fraction) / steps_left
+            end = 1.0 if steps_left == 1 else fraction + tried
+            with self._accounting.phase("boundary"):
+                here = start.displacement[terms.constrained]
+                prescribed = here + end * (target - here)
+                external = self._reference + force_start + end * (terms.force_end - force_start)
+                external += (1.0 - end) * start.fading
+                guess = None if last_correction is None else last_correction * (tried / last_increment)
+            outcome = newton_step(system, prescribed, external, guess)
+            iterations += outcome.iterations
+            if not outcome.converged:
+                self._accounting.cuts += 1
+                cuts += 1
+                self._note_failure(outcome)
+                logger.info("stage %s at %.6g: %s", terms.stage.name, end, outcome.reason)
+                increment = tried * min(max(outcome.proposed_factor, SMALLEST_PROPOSAL), control.cut)
+                if increment < control.smallest_factor * nominal:
+                    return fraction, (
+                        f"stage {terms.stage.name!r} came to {fraction:.6g} of its loads; no step larger than "
+                        f"{control.smallest_factor:g} of the nominal one converges: {outcome.reason}"
+                    )
+                continue
+            last_correction = (outcome.displacement - system.displacement)[system.free]
+            last_increment = tried
+            system.commit(outcome.displacement)
+            fraction = end
+            self._step += 1
+            self._accounting.steps += 1
+            self._failed_point = None
+            if outcome.iterations <= control.easy_iterations:
+                increment = min(max(increment, tried) * control.grow, control.largest_factor * nominal)
+            if self._on_step is not None:
+                done = self._accounting.factorisations - factorisations
+                with self._accounting.phase("state"):
+                    result = self._result(
+                        terms, start, external, outcome, fraction, increment, iterations, done, cuts
+                    )
+                with self._accounting.phase("output"):
+                    self._on_step(result)
+            cuts, iterations, factorisations = 0, 0, self._accounting.factorisations
+        return fraction, ""
+
+    def _note_failure(self, outcome: StepOutcome) -> None:
+        point, material = outcome.failed_point, self._system.material
+        if point < 0:
+            self._failed_point = None
+            return
+        x, y = self._problem.space.points[point]
+        index = 0 if material.material_index is None else int(material.material_index[point])
+        self._failed_point = FailedPoint(
+            point,
+            (float(x), float(y)),
+            material.stress_start[point].copy(),
+            material.last_increment[point].copy(),
+            material.state_start[point].copy(),
+            index,
+            outcome.reason,
+        )
+
+    def _result(
+        self,
+        terms: StageTerms,
+        start: StageStart,
+        external: Array,
+        outcome: StepOutcome,
+        fraction: float,
+        increment: float,
+        iterations: int,
+        factorisations: int,
+        cuts: int,
+    ) -> StepResult:
+        system, material = self._system, self._system.material
+        support = np.zeros(system.space.ndofs)
+        support[terms.constrained] = (system.internal_force - external)[terms.constrained]
+        by_node = support.reshape(-1, 2)
+        reactions = {}
+        for name, nodes in self._nodes.items():
+            x, y = by_node[nodes].sum(axis=0)
+            reactions[name] = (float(x), float(y))
+        report = material.committed_report
+        assert report is not None
+        return StepResult(
+            terms.stage.name,
+            self._step,
+            fraction,
+            system.displacement.copy(),
+            reactions,
+            material.stress_start.copy(),
+            material.strain_start.copy(),
+            material.state_start.copy(),
+            report.status.copy(),
+            iterations,
+            factorisations,
+            cuts,
+            tuple(outcome.residuals),
+            int(report.substeps.sum()),
+            report.limited,
+            increment,
+            start,
+        )
