@@ -1,0 +1,192 @@
+"""Results to files that ParaView opens: a series of fields on the mesh and one of integration points."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from constitutive.contract import LawDescription
+
+from .projection import Projection
+from .results import StepResult
+from .space import Space
+
+Array = NDArray[np.float64]
+
+FIELDS = "result"
+POINTS = "points"
+_CELL_TYPES = {"P1": "triangle", "P2": "triangle6", "Q1": "quad", "Q2": "quad9"}
+
+
+class OutputError(ValueError):
+    """Results cannot be written; the text names the folder and the reason."""
+
+
+def padded_vector(values: Array) -> Array:
+    """Two components to three, (n, 2) -> (n, 3), so that ParaView draws arrows."""
+    return np.column_stack([values, np.zeros(len(values))])
+
+
+def padded_tensor(values: Array, shear_factor: float = 1.0, zz: Array | None = None) -> Array:
+    """xx, yy, xy to a full symmetric tensor by rows, (n, 3) -> (n, 9).
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, 3)
+    shear_factor : float
+        0.5 turns an engineering shear strain into the tensor component.
+    zz : ndarray, shape (n,), optional
+        Component out of the plane; zero if not given.
+    """
+    full = np.zeros((len(values), 9))
+    full[:, 0], full[:, 4] = values[:, 0], values[:, 1]
+    full[:, 1] = full[:, 3] = shear_factor * values[:, 2]
+    if zz is not None:
+        full[:, 8] = zz
+    return full
+
+
+def point_fields(result: StepResult, description: LawDescription) -> dict[str, Array]:
+    """Stress, strain and every state variable by name at the integration points, padded for files."""
+    zz = result.state[:, description.columns("stress_zz")].ravel() if description.has_state("stress_zz") else None
+    fields = {
+        "stress": padded_tensor(result.stress, zz=zz),
+        "strain": padded_tensor(result.strain, shear_factor=0.5),
+    }
+    for variable in description.state:
+        columns = result.state[:, description.columns(variable.name)]
+        if variable.components == 1:
+            fields[variable.name] = columns.ravel()
+        elif variable.components == 2:
+            fields[variable.name] = padded_vector(columns)
+        else:
+            fields[variable.name] = padded_tensor(columns)
+    return fields
+
+
+class FieldWriter:
+    """Write one `.vtu` of fields and one of integration points a step, and keep `result.pvd`, `points.pvd` up to date.
+
+    A `.pvd` is replaced in one move after its `.vtu` is complete, so that what it names can always be read.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Created if missing.
+    space : Space
+    description : LawDescription
+    keep_until : float, optional
+        Going on with a run: keep the entries of existing `.pvd` files up to this time.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be written.
+    """
+
+    def __init__(
+        self, folder: str | Path, space: Space, description: LawDescription, keep_until: float | None = None
+    ) -> None:
+        self.folder = Path(folder)
+        self._space = space
+        self._description = description
+        self._projection = Projection(space)
+        self._nodes = padded_vector(space.nodes)
+        self._cells = [(_CELL_TYPES[space.element], _counter_clockwise(space))]
+        self._points = padded_vector(space.points)
+        self._point_cells = [("vertex", np.arange(space.npoints).reshape(-1, 1))]
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            probe = self.folder / ".writable"
+            probe.write_text("")
+            probe.unlink()
+        except OSError as error:
+            raise OutputError(f"output folder {self.folder} cannot be written: {error.strerror or error}") from None
+        self._series = {name: self._existing(name, keep_until) for name in (FIELDS, POINTS)}
+
+    def _existing(self, name: str, keep_until: float | None) -> list[tuple[float, str]]:
+        path = self.folder / f"{name}.pvd"
+        if keep_until is None or not path.is_file():
+            return []
+        try:
+            entries = ElementTree.parse(path).getroot().iter("DataSet")
+            kept = [(float(entry.attrib["timestep"]), entry.attrib["file"]) for entry in entries]
+        except (ElementTree.ParseError, KeyError, ValueError):
+            raise OutputError(f"{path} is damaged; remove it or choose another output folder") from None
+        return [(time, file) for time, file in kept if time <= keep_until * (1 + 1e-12)]
+
+    def write(
+        self,
+        result: StepResult,
+        time: float,
+        extra_fields: dict[str, Array] | None = None,
+    ) -> None:
+        """Write one step.
+
+        Parameters
+        ----------
+        result : StepResult
+        time : float
+            Time stamp in the series, ascending.
+        extra_fields : dict of str to ndarray, shape (npt,), (npt, 3) or (npt, 9), optional
+            Further fields at the integration points; they are projected as well.
+
+        Raises
+        ------
+        OutputError
+        """
+        at_points = {**point_fields(result, self._description), **(extra_fields or {})}
+        at_nodes = {name: self._projection(values) for name, values in at_points.items()}
+        at_nodes["displacement"] = padded_vector(result.displacement.reshape(-1, 2))
+        at_points["status"] = result.status.astype(np.int32)
+        at_points["displacement"] = padded_vector(self._space.interpolate(result.displacement.reshape(-1, 2)))
+        try:
+            self._write(FIELDS, time, result.step, self._nodes, self._cells, at_nodes)
+            self._write(POINTS, time, result.step, self._points, self._point_cells, at_points)
+        except OSError as error:
+            raise OutputError(f"output folder {self.folder} cannot be written: {error.strerror or error}") from None
+
+    def _write(
+        self,
+        name: str,
+        time: float,
+        step: int,
+        points: Array,
+        cells: list[tuple[str, NDArray[np.int64]]],
+        fields: dict[str, Array],
+    ) -> None:
+        file = f"{name}_{step:04d}.vtu"
+        hidden = self.folder / f".{file}"
+        meshio.vtu.write(str(hidden), meshio.Mesh(points, cells, point_data=fields), compression="zlib")
+        os.replace(hidden, self.folder / file)
+        series = [entry for entry in self._series[name] if entry[1] != file]
+        series.append((time, file))
+        self._series[name] = series
+        lines = [f'    <DataSet timestep="{stamp!r}" part="0" file={quoteattr(entry)}/>' for stamp, entry in series]
+        text = "\n".join(
+            ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>", *lines]
+            + ["  </Collection>", "</VTKFile>", ""]
+        )
+        hidden = self.folder / f".{name}.pvd"
+        hidden.write_text(text)
+        os.replace(hidden, self.folder / f"{name}.pvd")
+
+
+def _counter_clockwise(space: Space) -> NDArray[np.int64]:
+    """Element nodes in VTK's order; scikit-fem sorts the corners of triangles, which turns some of them."""
+    nodes = space.element_nodes.astype(np.int64)
+    if space.host_mesh.cell == "quad":
+        return nodes
+    corner = space.nodes[nodes[:, :3]]
+    first, second = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    turned = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] < 0
+    order = [0, 2, 1] if space.order == 1 else [0, 2, 1, 5, 4, 3]
+    result = nodes.copy()
+    result[turned] = nodes[turned][:, order]
+    return result
