@@ -6,8 +6,9 @@ from typing import Any
 
 from constitutive.effects import Effects
 from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Integration, Material
-from constitutive.path import Leg
+from constitutive.parameters import Closure, Integration, Material, ParameterError
+
+from .scene import LoadedScene
 
 
 def materials(scene: Any) -> list[tuple[Material, str | None]]:
@@ -19,22 +20,21 @@ def materials(scene: Any) -> list[tuple[Material, str | None]]:
     ]
 
 
-def law(scene: Any, effects: Effects) -> ContactLaw:
-    """The point law of a scene with the given effect set."""
-    return ContactLaw(
-        [material for material, _ in materials(scene)],
-        closure=Closure(**scene.closure.model_dump()),
-        effects=effects,
-        integration=Integration(**scene.integration.model_dump()),
-    )
+def law(loaded: LoadedScene, effects: Effects) -> ContactLaw:
+    """The point law of a scene with the given effect set.
 
-
-def legs(scene: Any) -> list[Leg]:
-    """Legs of a point scene's path."""
-    made = []
-    for part in scene.path:
-        if part.rotation_degrees is not None:
-            made.append(Leg(rotation_degrees=part.rotation_degrees, increments=part.increments))
-        else:
-            made.append(Leg(control=tuple(part.control), target=tuple(part.target), increments=part.increments))
-    return made
+    Raises
+    ------
+    InputError
+        If the law refuses the combination of values.
+    """
+    scene = loaded.scene
+    try:
+        return ContactLaw(
+            [material for material, _ in materials(scene)],
+            closure=Closure(**scene.closure.model_dump()),
+            effects=effects,
+            integration=Integration(**scene.integration.model_dump()),
+        )
+    except ParameterError as error:
+        raise loaded.error(["material"], str(error)) from error

@@ -17,7 +17,7 @@ RECORD = "run.json"
 HISTORY = "history.csv"
 SCENE = "scene.toml"
 OWN_FILES = (RECORD, HISTORY, SCENE, "result.pvd", "points.pvd")
-OWN_PATTERNS = ("result_*.vtu", "points_*.vtu", "*.png", ".granfabric-*")
+OWN_PATTERNS = ("result_*.vtu", "points_*.vtu", "*.png", ".granfabric-*", ".result*", ".points*")
 """What a run writes; only these are removed when a result folder is used again."""
 
 PROGRAM = "granfabric"

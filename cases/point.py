@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from constitutive.path import PathHistory, drive
+from constitutive.path import Leg, PathHistory, drive
 
 from . import build, files
 from .compile_watch import watching
@@ -19,6 +20,17 @@ COMPILATION_SECONDS = 30
 """Rough time to compile the kernels of the point law, for the message on first use."""
 
 TABLE_COLUMNS = ("step", "p", "q", "coordination", "fabric_anisotropy", "normal_force_anisotropy", "mean_normal_force")
+
+
+def legs_of(scene: Any) -> list[Leg]:
+    """Legs of a point scene's path."""
+    made = []
+    for part in scene.path:
+        if part.rotation_degrees is not None:
+            made.append(Leg(rotation_degrees=part.rotation_degrees, increments=part.increments))
+        else:
+            made.append(Leg(control=tuple(part.control), target=tuple(part.target), increments=part.increments))
+    return made
 
 
 def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
@@ -48,7 +60,7 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
             f"{loaded.file}: kind = {scene.kind!r} is not a point scene; use `granfabric run {loaded.name}`"
         )
     effects = resolve_effects(scene)
-    law, legs = build.law(scene, effects), build.legs(scene)
+    law, legs = build.law(loaded, effects), legs_of(scene)
     files.prepare_output(folder)
     record = Record(folder, loaded.name, resolved(loaded, effects))
     record.write()

@@ -96,6 +96,12 @@ class Initial(Section):
         return self
 
 
+class FieldInitial(Initial):
+    """State before any loading, everywhere."""
+
+    balance: bool = Field(False, description="balance the initial stress by constant reference forces")
+
+
 class PathLeg(Section):
     """One leg of a path: targets at its end, reached in equal increments, or a rotation at constant p and q."""
 
@@ -149,9 +155,16 @@ class Mesh(Section):
 
 
 class FixedLoad(Section):
-    """Components of the displacement of a boundary held at zero."""
+    """Components of the displacement of a boundary held where they are at the start of the stage."""
 
     boundary: str
+    components: Annotated[list[Component], Field(min_length=1, max_length=2)] = ["x", "y"]
+
+
+class FixedPointLoad(Section):
+    """The node nearest to a point held where it is, to stop a rigid motion."""
+
+    point: Pair = Field(description="x, y [m]")
     components: Annotated[list[Component], Field(min_length=1, max_length=2)] = ["x", "y"]
 
 
@@ -185,12 +198,16 @@ class BodyForceLoad(Section):
 
 
 class StageSection(Section):
-    """One stage of loading: all loads go linearly from their values at the end of the stage before to these."""
+    """One stage of loading: all loads go linearly from their values at the end of the stage before to these.
+
+    A first stage named "initial" holds its loads from the outset, in balance with the initial stress.
+    """
 
     name: Annotated[str, Field(min_length=1, max_length=80)]
     increments: Increments = 20
-    keep: bool = Field(True, description="keep the displacements of earlier stages that are not named again")
+    keep: bool = Field(True, description="keep what earlier stages set and this one does not name")
     fixed: list[FixedLoad] = []
+    fixed_point: list[FixedPointLoad] = []
     displacement: list[DisplacementLoad] = []
     pressure: list[PressureLoad] = []
     traction: list[TractionLoad] = []
@@ -198,13 +215,25 @@ class StageSection(Section):
 
 
 class Solver(Section):
-    """Global iteration and load stepping."""
+    """Global iteration and load stepping; factors are relative to the nominal step of a stage."""
 
-    linear: Literal["auto", "cholmod", "superlu"] = "auto"
-    tolerance: Annotated[float, Field(ge=1e-14, le=1e-1)] = 1e-8
-    maximum_iterations: Annotated[int, Field(ge=1, le=1000)] = 12
-    smallest_factor: Annotated[float, Field(gt=0.0, le=1.0)] = 1e-4
-    grow: Annotated[float, Field(ge=1.0, le=10.0)] = 1.5
+    linear_solver: Literal["auto", "cholmod", "superlu"] = "auto"
+    tolerance: Annotated[float, Field(ge=1e-15, le=1e-1)] = Field(1e-8, description="residual over nodal forces")
+    maximum_iterations: Annotated[int, Field(ge=1, le=10_000)] = 12
+    first_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = 1.0
+    smallest_factor: Annotated[float, Field(ge=1e-12, le=1.0)] = 1e-4
+    largest_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = 1.0
+    grow: Annotated[float, Field(ge=1.0, le=100.0)] = 1.5
+    tangent_kind: Literal["propagated", "continuum", "elastic"] = "propagated"
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Solver:
+        if not self.smallest_factor <= self.first_factor <= self.largest_factor:
+            raise ValueError(
+                f"first_factor = {self.first_factor:g} is not between smallest_factor = {self.smallest_factor:g} and "
+                f"largest_factor = {self.largest_factor:g}"
+            )
+        return self
 
 
 class Output(Section):
@@ -241,7 +270,7 @@ class FieldScene(Scene):
     material: MaterialSection | None = None
     materials: dict[str, NamedMaterialSection] = {}
     mesh: Mesh
-    initial: Initial
+    initial: FieldInitial
     stage: Annotated[list[StageSection], Field(min_length=1, max_length=1000)]
     solver: Solver = Solver()
     output: Output = Output()

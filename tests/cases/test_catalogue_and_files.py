@@ -83,7 +83,7 @@ def test_an_output_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is a file"):
         files.check_output(tmp_path / "file")
-    with pytest.raises(InputError, match="cannot be made: .* is a file"):
+    with pytest.raises(InputError, match=r"cannot be made: .* is a file"):
         files.prepare_output(tmp_path / "file" / "inside")
     with pytest.raises(InputError, match="cannot be written"):
         files.prepare_output(Path("/proc/nowhere"))

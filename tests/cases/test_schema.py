@@ -93,7 +93,9 @@ BAD = [
     (FIELD, 'stage.0.fixed=[{boundary="left", components=["z"]}]', ["components.0 = 'z'", "x, y"]),
     (FIELD, 'stage.0.pressure=[{boundary="left"}]', ["'stage.0.pressure.0.value' is missing", "[Pa]"]),
     (FIELD, "stage.0.pressure=3", ["stage.0.pressure = 3 is not a list"]),
-    (FIELD, "solver.linear=cholmd", ["solver.linear = 'cholmd'", "'cholmod'"]),
+    (FIELD, "solver.linear_solver=cholmd", ["solver.linear_solver = 'cholmd'", "'cholmod'"]),
+    (FIELD, "solver.first_factor=2.0", ["solver: first_factor = 2 is not between"]),
+    (FIELD, "initial.balanced=true", ["'initial.balanced' is unknown", "'balance'"]),
     (FIELD, "materials.a.coordination=4.0", ["materials.a.solid_fraction", "missing"]),
 ]
 

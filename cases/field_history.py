@@ -1,0 +1,95 @@
+"""One row of `history.csv` a load step of a boundary-value problem."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from constitutive.contract import LawDescription
+from fem.results import StepResult
+from fem.space import Space
+
+Array = NDArray[np.float64]
+
+LEADING = ("step", "stage", "fraction")
+MEANS = (
+    *("strain_xx", "strain_yy", "strain_xy", "stress_xx", "stress_yy", "stress_xy", "p", "q"),
+    *("coordination", "coordination_smallest", "coordination_largest"),
+    *("fabric_anisotropy", "fabric_anisotropy_largest", "stress_ratio_largest"),
+)
+COUNTS = ("iterations", "factorisations", "cuts", "substeps", "limited_points")
+
+
+class FieldHistory:
+    """Rows of a field run's history.
+
+    Means are volume averages, named as the columns of a point's history; p and q belong to the mean stress.
+    Coordination and fabric anisotropy (magnitudes) have means and extremes over the integration points. For each
+    boundary that carries loads or supports: the mean displacement of its nodes [m] and the force of the supports on
+    the body [N/m].
+
+    Parameters
+    ----------
+    space : Space
+    description : LawDescription
+    boundaries : list of str
+    """
+
+    def __init__(self, space: Space, description: LawDescription, boundaries: list[str]) -> None:
+        self._weights = space.weights / space.weights.sum()
+        self._description = description
+        self._nodes = {name: space.boundary_nodes(name) for name in boundaries}
+        self.names = [
+            *LEADING,
+            *MEANS,
+            *COUNTS,
+            *(f"{what}_{name}_{axis}" for name in boundaries for what in ("displacement", "reaction") for axis in "xy"),
+        ]
+        self.rows: list[list[Any]] = []
+
+    def start(self, stage: str, stress: Array, state: Array) -> None:
+        """Row of the initial state."""
+        zero = np.zeros(3)
+        averages = self._averages(np.broadcast_to(zero, stress.shape), stress, state)
+        # Reactions are known only once a step has been solved.
+        sides = [0.0, 0.0, float("nan"), float("nan")] * len(self._nodes)
+        self.rows.append([0, stage, 0.0, *averages, *[0] * len(COUNTS), *sides])
+
+    def add(self, step: StepResult) -> None:
+        """Row of an accepted load step."""
+        averages = self._averages(step.strain, step.stress, step.state)
+        counts = [step.iterations, step.factorisations, step.cuts, step.substeps, step.limited]
+        displacement = step.displacement.reshape(-1, 2)
+        sides: list[float] = []
+        for name, nodes in self._nodes.items():
+            sides += displacement[nodes].mean(axis=0).tolist()
+            sides += [float(force) for force in step.reactions[name]]
+        self.rows.append([step.step, step.stage, float(step.fraction), *averages, *map(int, counts), *sides])
+
+    def _averages(self, strain: Array, stress: Array, state: Array) -> list[float]:
+        mean_strain, mean_stress = self._weights @ strain, self._weights @ stress
+        pressures, deviators = invariants(stress)
+        p, q = invariants(mean_stress[None, :])
+        values = [*mean_strain.tolist(), *mean_stress.tolist(), float(p[0]), float(q[0])]
+        coordination = state[:, self._description.columns("coordination")][:, 0]
+        fabric = np.linalg.norm(state[:, self._description.columns("fabric_anisotropy")], axis=1)
+        values += [float(self._weights @ coordination), float(coordination.min()), float(coordination.max())]
+        values += [float(self._weights @ fabric), float(fabric.max()), float((deviators / pressures).max())]
+        return values
+
+
+def invariants(stress: Array) -> tuple[Array, Array]:
+    """Mean pressure (compression positive) and deviator q = (s1 - s2)/2 [Pa].
+
+    Parameters
+    ----------
+    stress : ndarray, shape (n, 3)
+        xx, yy, xy, tension positive [Pa].
+
+    Returns
+    -------
+    p, q : ndarray, shape (n,)
+    """
+    return -(stress[:, 0] + stress[:, 1]) / 2, np.hypot((stress[:, 0] - stress[:, 1]) / 2, stress[:, 2])

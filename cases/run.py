@@ -1,0 +1,260 @@
+"""A boundary-value problem: `granfabric run`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fem.control import ControlError, StepControl
+from fem.linear_solver import LinearSolverError
+from fem.loads import (
+    BodyForce,
+    Displacement,
+    Fixed,
+    FixedPoint,
+    LoadError,
+    Pressure,
+    Stage,
+    Traction,
+)
+from fem.mesh import HostMesh, MeshError, read_mesh, rectangle
+from fem.output import FieldWriter
+from fem.problem import Problem
+from fem.results import RunSummary, StepResult
+from fem.space import Space
+from fem.stepping import solve
+
+from . import build, files
+from .compile_watch import watching
+from .effects_choice import resolve_effects
+from .errors import InputError
+from .field_history import FieldHistory
+from .groups import check_groups, material_index, named_boundaries
+from .interruption import stop_wish
+from .record import Record, resolved
+from .scene import LoadedScene
+from .screen import Screen, spread
+
+COMPILATION_SECONDS = 40
+"""Rough time to compile the kernels of law and host, for the message on first use."""
+
+
+def stages(scene: Any) -> list[Stage]:
+    """Stages of a field scene with their loads."""
+    made = []
+    for part in scene.stage:
+        loads: list[Any] = [Fixed(load.boundary, tuple(load.components)) for load in part.fixed]
+        loads += [FixedPoint((load.point[0], load.point[1]), tuple(load.components)) for load in part.fixed_point]
+        loads += [Displacement(load.boundary, load.component, load.value) for load in part.displacement]
+        loads += [Pressure(load.boundary, load.value) for load in part.pressure]
+        loads += [Traction(load.boundary, (load.value[0], load.value[1])) for load in part.traction]
+        loads += [BodyForce((load.value[0], load.value[1]), load.region) for load in part.body_force]
+        made.append(Stage(part.name, loads, part.increments, part.keep))
+    return made
+
+
+def read_or_make_mesh(loaded: LoadedScene) -> HostMesh:
+    """Mesh of a field scene.
+
+    Raises
+    ------
+    InputError
+        If the mesh file is not usable.
+    """
+    mesh = loaded.scene.mesh
+    if mesh.rectangle is not None:
+        shape = mesh.rectangle
+        return rectangle(shape.width, shape.height, shape.nx, shape.ny, shape.cell)
+    try:
+        return read_mesh(loaded.file.parent / mesh.file)
+    except MeshError as error:
+        raise loaded.error(["mesh", "file"], f"mesh.file: {error}") from error
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A field scene turned into a problem; nothing has been computed or written."""
+
+    problem: Problem
+    control: StepControl
+    boundaries: list[str]
+    effects: Any
+
+
+def prepare(loaded: LoadedScene) -> Prepared:
+    """Check everything about a field scene that can be checked before computing.
+
+    Raises
+    ------
+    InputError
+    """
+    scene = loaded.scene
+    if scene.kind != "field":
+        raise InputError(
+            f"{loaded.file}: kind = {scene.kind!r} is not a boundary-value problem; use `granfabric point`"
+        )
+    mesh = read_or_make_mesh(loaded)
+    check_groups(loaded, mesh)
+    index = material_index(loaded, mesh)
+    effects = resolve_effects(scene)
+    law = build.law(loaded, effects)
+    try:
+        space = Space(mesh, scene.mesh.element, scene.mesh.quadrature_degree)
+    except MeshError as error:
+        raise loaded.error(["mesh"], f"mesh: {error}") from error
+    try:
+        problem = Problem(
+            space,
+            law,
+            stages(scene),
+            initial_stress=scene.initial.stress,
+            material_index=None if index is None else index[space.point_cell],
+            balance_initial_stress=scene.initial.balance,
+        )
+    except (LoadError, MeshError) as error:
+        raise loaded.error(["stage"], f"stage: {error}") from error
+    try:
+        control = StepControl(**scene.solver.model_dump())
+    except ControlError as error:
+        raise loaded.error(["solver"], f"solver: {error}") from error
+    return Prepared(problem, control, named_boundaries(scene), effects)
+
+
+class _Recorder:
+    """Receives each accepted step: history, fields, progress."""
+
+    def __init__(self, folder: Path, prepared: Prepared, every: int, advance: Any) -> None:
+        problem = prepared.problem
+        self._folder = folder
+        self._every = every
+        self._advance = advance
+        self._places = {stage.name: place for place, stage in enumerate(problem.stages)}
+        self._writer = FieldWriter(folder, problem.space, problem.law.description)
+        self.history = FieldHistory(problem.space, problem.law.description, prepared.boundaries)
+        self.history.start(problem.stages[0].name, problem.initial_stress, problem.initial_state)
+        self._last: StepResult | None = None
+        self._written = 0
+        self._write_history()
+
+    def __call__(self, step: StepResult) -> None:
+        self.history.add(step)
+        self._write_history()
+        self._last = step
+        if step.step % self._every == 0:
+            self._write_fields(step)
+        done = self._places[step.stage] + step.fraction
+        self._advance(done, f"{step.stage}: step {step.step}, {step.iterations} iterations")
+
+    def close(self) -> None:
+        """Make sure that the last step's fields are on disk."""
+        if self._last is not None and self._written != self._last.step:
+            self._write_fields(self._last)
+
+    def _write_history(self) -> None:
+        files.write_text(self._folder / files.HISTORY, files.csv_text(self.history.names, self.history.rows))
+
+    def _write_fields(self, step: StepResult) -> None:
+        self._writer.write(step, self._places[step.stage] + step.fraction)
+        self._written = step.step
+
+
+def run_field(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
+    """Compute a field scene and write its files.
+
+    Parameters
+    ----------
+    loaded : LoadedScene
+        Of kind "field".
+    folder : Path
+        Result folder: new, empty, or of an earlier run, which is replaced.
+    screen : Screen
+
+    Returns
+    -------
+    Record
+        As written to `run.json`; `outcome` is "finished", "stopped" or "failed".
+
+    Raises
+    ------
+    InputError
+        If anything about the scene or the folder is not legal; then nothing was written.
+    """
+    with watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch, stop_wish(screen.announce_stop) as stop:
+        files.check_output(folder)
+        prepared = prepare(loaded)
+        problem = prepared.problem
+        files.prepare_output(folder)
+        record = Record(folder, loaded.name, resolved(loaded, prepared.effects))
+        record.details["size"] = {
+            "elements": problem.space.nelements,
+            "degrees_of_freedom": problem.space.ndofs,
+            "integration_points": problem.space.npoints,
+        }
+        record.write()
+        with screen.progress(loaded.name, len(problem.stages)) as advance, record.phase("run"):
+            recorder = _Recorder(folder, prepared, loaded.scene.output.every, advance)
+            try:
+                summary = solve(problem, prepared.control, on_step=recorder, stop=stop)
+            except LinearSolverError as error:
+                record.outcome, record.message = "failed", str(error)
+                record.write()
+                raise loaded.error(["solver"], f"solver.linear_solver: {error}") from error
+            recorder.close()
+        _finish(record, summary, stop.wished)
+        record.timing["compilation"] = watch.seconds
+        if loaded.scene.output.pictures:
+            from .plots import draw
+
+            with record.phase("pictures"):
+                draw(folder, record.scene)
+        record.write()
+    _report(recorder.history, summary, record, screen)
+    return record
+
+
+def _finish(record: Record, summary: RunSummary, stopped: bool) -> None:
+    record.outcome = "finished" if summary.finished else "stopped" if stopped else "failed"
+    record.message = summary.message
+    record.details["counters"] = dict(summary.counters)
+    record.details["linear_solver"] = summary.solver
+    record.details["reached"] = {"stage": summary.stage, "fraction": summary.fraction}
+    record.timing.update(summary.seconds)
+
+
+def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: Screen) -> None:
+    columns = dict(zip(history.names, zip(*history.rows)))
+    axial = max(("strain_xx", "strain_yy", "strain_xy"), key=lambda name: float(np.abs(columns[name]).max()))
+    rows = []
+    for row in spread(len(history.rows), 8):
+        p, q = columns["p"][row], columns["q"][row]
+        rows.append(
+            [
+                str(columns["step"][row]),
+                columns["stage"][row],
+                f"{columns[axial][row] * 1e6:.1f}",
+                f"{p / 1e3:.2f}",
+                f"{q / p:.4f}",
+                f"{columns['coordination'][row]:.4f}",
+                f"{columns['coordination_smallest'][row]:.4f}",
+                f"{columns['fabric_anisotropy'][row]:.4f}",
+                f"{columns['fabric_anisotropy_largest'][row]:.4f}",
+                str(columns["iterations"][row]),
+            ]
+        )
+    names = ["step", "stage", f"{axial} [1e-6]", "p [kPa]", "q/p", "z", "z min", "a_c", "a_c max", "iterations"]
+    screen.table(record.scene["title"], names, rows)
+    size = record.details["size"]
+    screen.say(
+        f"{size['degrees_of_freedom']} degrees of freedom, {size['integration_points']} integration points; "
+        f"{len(history.rows) - 1} steps, {summary.counters.get('factorisations', 0)} factorisations ({summary.solver})"
+    )
+    if record.outcome != "finished":
+        screen.say(f"{record.outcome} in stage {summary.stage!r} at {summary.fraction:.0%}: {summary.message}")
+    screen.say(
+        f"{record.timing['total']:.1f} s in all, of which compilation {record.timing['compilation']:.1f} s, "
+        f"law {summary.seconds.get('law', 0.0):.1f} s, linear solver "
+        f"{summary.seconds.get('factorise', 0.0) + summary.seconds.get('solve', 0.0):.1f} s; results in {record.folder}"
+    )

@@ -1,0 +1,67 @@
+"""Reading back what a run wrote for ParaView."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError
+
+Array = NDArray[np.float64]
+
+
+def last_file(folder: Path, series: str) -> Path | None:
+    """The last file that ``SERIES.pvd`` names; None if there is no series yet.
+
+    Raises
+    ------
+    InputError
+        If the series is damaged or names a file that is gone.
+    """
+    path = folder / f"{series}.pvd"
+    if not path.is_file():
+        return None
+    try:
+        names = [entry.attrib["file"] for entry in ElementTree.parse(path).getroot().iter("DataSet")]
+    except (ElementTree.ParseError, KeyError) as error:
+        raise InputError(f"{path} is damaged") from error
+    if not names:
+        return None
+    file = folder / names[-1]
+    if not file.is_file():
+        raise InputError(f"{path} names {names[-1]!r}, which does not exist")
+    return file
+
+
+def read(file: Path) -> Any:
+    """Content of a `.vtu` as a meshio mesh.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    try:
+        return meshio.read(file)
+    except (meshio.ReadError, ElementTree.ParseError, ValueError) as error:
+        raise InputError(f"{file} cannot be read: {error}") from error
+
+
+def triangles(mesh: Any) -> NDArray[np.int64]:
+    """All cells cut into triangles of three nodes, shape (n, 3); cells of second order into four or eight."""
+    pieces = {
+        "triangle": [(0, 1, 2)],
+        "triangle6": [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
+        "quad": [(0, 1, 2), (0, 2, 3)],
+        "quad9": [
+            *((0, 4, 8), (0, 8, 7), (4, 1, 5), (4, 5, 8)),
+            *((8, 5, 2), (8, 2, 6), (7, 8, 6), (7, 6, 3)),
+        ],
+    }
+    parts = [block.data[:, list(corners)] for block in mesh.cells for corners in pieces.get(block.type, [])]
+    return np.concatenate(parts).astype(np.int64) if parts else np.zeros((0, 3), dtype=np.int64)
