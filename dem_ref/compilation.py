@@ -1,0 +1,51 @@
+"""Compiled kernels of the DEM, kept in a disk cache named by a hash of this package's sources.
+
+Numba looks only at the file that defines a function when it decides whether stored machine code is still good; an
+edit in another file that is compiled into it goes unnoticed. A folder per state of the sources cannot go stale.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+
+
+@cache
+def kernel_cache_directory() -> Path:
+    """Folder of the machine code that belongs to the present sources of this package."""
+    content = hashlib.sha256(f"{numba.__version__} {sys.version_info[:3]}".encode())
+    for source in sorted(Path(__file__).resolve().parent.rglob("*.py")):
+        content.update(source.name.encode())
+        content.update(source.read_bytes())
+    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
+        root = Path(chosen)
+    elif base := os.environ.get("XDG_CACHE_HOME"):
+        root = Path(base) / "granfabric"
+    else:
+        root = Path.home() / ".cache" / "granfabric"
+    return root / "dem" / content.hexdigest()[:16]
+
+
+def compiled(**options: Any) -> Callable[[Callable], Any]:
+    """Decorator: `numba.njit` with NumPy's division rules, without the interpreter lock, cached on disk.
+
+    Only the decoration sees the cache folder; other packages of the process keep their own.
+    """
+    settings: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True, **options}
+
+    def decorate(function: Callable) -> Any:
+        previous = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+        numba.config.CACHE_DIR = str(kernel_cache_directory())  # type: ignore[attr-defined]
+        try:
+            return numba.njit(**settings)(function)
+        finally:
+            numba.config.CACHE_DIR = previous  # type: ignore[attr-defined]
+
+    return decorate
