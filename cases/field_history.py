@@ -27,17 +27,20 @@ class FieldHistory:
 
     Means are volume averages, named as the columns of a point's history; p and q belong to the mean stress.
     Coordination and fabric anisotropy (magnitudes) have means and extremes over the integration points. For each
-    boundary that carries loads or supports: the mean displacement of its nodes [m] and the force of the supports on
-    the body [N/m].
+    boundary that carries loads or supports: the mean displacement of its nodes [m]; for each that is supported: the
+    force of the supports on the body [N/m], not known before the first step.
 
     Parameters
     ----------
     space : Space
     description : LawDescription
     boundaries : list of str
+        That carry loads or supports.
+    supported : list of str
+        Those of them that are supported.
     """
 
-    def __init__(self, space: Space, description: LawDescription, boundaries: list[str]) -> None:
+    def __init__(self, space: Space, description: LawDescription, boundaries: list[str], supported: list[str]) -> None:
         self._weights = space.weights / space.weights.sum()
         self._description = description
         self._nodes = {name: space.boundary_nodes(name) for name in boundaries}
@@ -45,16 +48,17 @@ class FieldHistory:
             *LEADING,
             *MEANS,
             *COUNTS,
-            *(f"{what}_{name}_{axis}" for name in boundaries for what in ("displacement", "reaction") for axis in "xy"),
+            *(f"displacement_{name}_{axis}" for name in boundaries for axis in "xy"),
+            *(f"reaction_{name}_{axis}" for name in supported for axis in "xy"),
         ]
+        self._supported = supported
         self.rows: list[list[Any]] = []
 
     def start(self, stage: str, stress: Array, state: Array) -> None:
         """Row of the initial state."""
         zero = np.zeros(3)
         averages = self._averages(np.broadcast_to(zero, stress.shape), stress, state)
-        # Reactions are known only once a step has been solved.
-        sides = [0.0, 0.0, float("nan"), float("nan")] * len(self._nodes)
+        sides = [0.0, 0.0] * len(self._nodes) + [float("nan")] * (2 * len(self._supported))
         self.rows.append([0, stage, 0.0, *averages, *[0] * len(COUNTS), *sides])
 
     def add(self, step: StepResult) -> None:
@@ -63,8 +67,9 @@ class FieldHistory:
         counts = [step.iterations, step.factorisations, step.cuts, step.substeps, step.limited]
         displacement = step.displacement.reshape(-1, 2)
         sides: list[float] = []
-        for name, nodes in self._nodes.items():
+        for nodes in self._nodes.values():
             sides += displacement[nodes].mean(axis=0).tolist()
+        for name in self._supported:
             sides += [float(force) for force in step.reactions[name]]
         self.rows.append([step.step, step.stage, float(step.fraction), *averages, *map(int, counts), *sides])
 

@@ -44,9 +44,11 @@ def check_groups(loaded: LoadedScene, mesh: HostMesh) -> None:
             raise loaded.error(keys, f"{key}: {unknown(f'the {what}', name, groups[what])}")
 
 
-def named_boundaries(scene: Any) -> list[str]:
-    """Boundaries that carry loads or supports, in order of appearance."""
-    return list(dict.fromkeys(name for _, what, name in _named(scene) if what == "boundary"))
+def named_boundaries(scene: Any) -> tuple[list[str], list[str]]:
+    """Boundaries that carry loads or supports, and those of them that are supported, in order of appearance."""
+    named = [(keys[2], name) for keys, what, name in _named(scene) if what == "boundary"]
+    supported = [name for kind, name in named if kind in ("fixed", "displacement")]
+    return list(dict.fromkeys(name for _, name in named)), list(dict.fromkeys(supported))
 
 
 def material_index(loaded: LoadedScene, mesh: HostMesh) -> NDArray[np.int32] | None:

@@ -48,7 +48,7 @@ def draw_field(folder: Path, columns: dict[str, NDArray[Any]], scene: dict[str, 
             _map(figure, right, mesh, _magnitude(mesh, "fabric_anisotropy"), "cividis", "fabric anisotropy $a_c$ [-]")
             _directions(right, cloud)
             left.set_title("Coordination number")
-            right.set_title("Fabric anisotropy, lines: direction of most contacts")
+            right.set_title("Fabric anisotropy and direction")
         step, stage = int(columns["step"][-1]), str(columns["stage"][-1])
         figure.suptitle(f"{scene['title']} (step {step}, stage {stage})", x=0.01, ha="left", fontsize=13)
     return [path]
@@ -102,18 +102,23 @@ def _directions(axes: Any, cloud: Any) -> None:
     if not strength.max() > 1e-12:
         return
     corner, size = place.min(axis=0), np.ptp(place, axis=0)
-    spacing = float(size.max()) / GLYPHS_ALONG
-    cell = np.floor((place - corner) / spacing).astype(np.int64)
-    centre = corner + (cell + 0.5) * spacing
-    distance = np.linalg.norm(place - centre, axis=1)
-    # In each square of the raster the point nearest to its middle carries the line.
-    order = np.lexsort((distance, cell[:, 1], cell[:, 0]))
-    first = np.ones(len(order), dtype=bool)
-    first[1:] = np.any(np.diff(cell[order], axis=0) != 0, axis=1)
-    chosen = order[first]
-    angle = 0.5 * np.arctan2(vector[chosen, 1], vector[chosen, 0])
-    half = 0.45 * spacing * (strength[chosen] / strength.max())[:, None]
+    number = np.maximum(1, np.round(GLYPHS_ALONG * size / size.max())).astype(np.int64)
+    spacing = size / number
+    cell = np.minimum(((place - corner) / spacing).astype(np.int64), number - 1)
+    # One line for each square of a raster: the mean of its points, at their centre.
+    raster = cell[:, 0] * number[1] + cell[:, 1]
+    count = np.bincount(raster, minlength=int(number.prod()))
+    filled = count > 0
+
+    def mean(values: Array) -> Array:
+        sums = [np.bincount(raster, weights=values[:, axis], minlength=len(count))[filled] for axis in range(2)]
+        return np.column_stack(sums) / count[filled, None]
+
+    place, vector = mean(place), mean(vector)
+    strength = np.linalg.norm(vector, axis=1)
+    angle = 0.5 * np.arctan2(vector[:, 1], vector[:, 0])
+    half = 0.42 * float(spacing.min()) * (strength / strength.max())[:, None]
     along = half * np.column_stack([np.cos(angle), np.sin(angle)])
-    lines = np.stack([place[chosen] - along, place[chosen] + along], axis=1)
+    lines = np.stack([place - along, place + along], axis=1)
     for colour, width in ((BLACK, 2.4), ("white", 1.1)):
         axes.add_collection(LineCollection(list(lines), colors=colour, linewidths=width, capstyle="round"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fem.control import ControlError, StepControl
-from fem.linear_solver import LinearSolverError
+from fem.linear_solver import LinearSolverError, make_solver
 from fem.loads import (
     BodyForce,
     Displacement,
@@ -21,7 +22,7 @@ from fem.loads import (
     Traction,
 )
 from fem.mesh import HostMesh, MeshError, read_mesh, rectangle
-from fem.output import FieldWriter
+from fem.output import FieldWriter, OutputError
 from fem.problem import Problem
 from fem.results import RunSummary, StepResult
 from fem.space import Space
@@ -30,11 +31,12 @@ from fem.stepping import solve
 from . import build, files
 from .compile_watch import watching
 from .effects_choice import resolve_effects
-from .errors import InputError
+from .errors import InputError, RunError
 from .field_history import FieldHistory
 from .groups import check_groups, material_index, named_boundaries
 from .interruption import stop_wish
 from .record import Record, resolved
+from .replay import write_failed_point
 from .scene import LoadedScene
 from .screen import Screen, spread
 
@@ -81,6 +83,7 @@ class Prepared:
     problem: Problem
     control: StepControl
     boundaries: list[str]
+    supported: list[str]
     effects: Any
 
 
@@ -120,7 +123,11 @@ def prepare(loaded: LoadedScene) -> Prepared:
         control = StepControl(**scene.solver.model_dump())
     except ControlError as error:
         raise loaded.error(["solver"], f"solver: {error}") from error
-    return Prepared(problem, control, named_boundaries(scene), effects)
+    try:
+        make_solver(control.linear_solver)
+    except LinearSolverError as error:
+        raise loaded.error(["solver"], f"solver.linear_solver: {error}") from error
+    return Prepared(problem, control, *named_boundaries(scene), effects)
 
 
 class _Recorder:
@@ -133,7 +140,7 @@ class _Recorder:
         self._advance = advance
         self._places = {stage.name: place for place, stage in enumerate(problem.stages)}
         self._writer = FieldWriter(folder, problem.space, problem.law.description)
-        self.history = FieldHistory(problem.space, problem.law.description, prepared.boundaries)
+        self.history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
         self.history.start(problem.stages[0].name, problem.initial_stress, problem.initial_state)
         self._last: StepResult | None = None
         self._written = 0
@@ -181,6 +188,8 @@ def run_field(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
     ------
     InputError
         If anything about the scene or the folder is not legal; then nothing was written.
+    RunError
+        If the run broke off within a step; what was reached before is on disk.
     """
     with watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch, stop_wish(screen.announce_stop) as stop:
         files.check_output(folder)
@@ -198,12 +207,14 @@ def run_field(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
             recorder = _Recorder(folder, prepared, loaded.scene.output.every, advance)
             try:
                 summary = solve(problem, prepared.control, on_step=recorder, stop=stop)
-            except LinearSolverError as error:
-                record.outcome, record.message = "failed", str(error)
-                record.write()
-                raise loaded.error(["solver"], f"solver.linear_solver: {error}") from error
-            recorder.close()
+                recorder.close()
+            except (OutputError, OSError) as error:
+                raise _broken_off(record, f"results cannot be written any more: {error}") from error
+            except KeyboardInterrupt as error:
+                raise _broken_off(record, "interrupted within a step") from error
         _finish(record, summary, stop.wished)
+        if summary.failed_point is not None and record.outcome == "failed":
+            write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
         record.timing["compilation"] = watch.seconds
         if loaded.scene.output.pictures:
             from .plots import draw
@@ -213,6 +224,14 @@ def run_field(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
         record.write()
     _report(recorder.history, summary, record, screen)
     return record
+
+
+def _broken_off(record: Record, message: str) -> RunError:
+    """Close the record of a run that ended within a step, if that can still be written."""
+    record.outcome, record.message = "stopped", message
+    with suppress(OSError):
+        record.write()
+    return RunError(f"{message}; what was computed before is in {record.folder}")
 
 
 def _finish(record: Record, summary: RunSummary, stopped: bool) -> None:
@@ -235,7 +254,6 @@ def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: 
                 str(columns["step"][row]),
                 columns["stage"][row],
                 f"{columns[axial][row] * 1e6:.1f}",
-                f"{p / 1e3:.2f}",
                 f"{q / p:.4f}",
                 f"{columns['coordination'][row]:.4f}",
                 f"{columns['coordination_smallest'][row]:.4f}",
@@ -244,8 +262,9 @@ def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: 
                 str(columns["iterations"][row]),
             ]
         )
-    names = ["step", "stage", f"{axial} [1e-6]", "p [kPa]", "q/p", "z", "z min", "a_c", "a_c max", "iterations"]
-    screen.table(record.scene["title"], names, rows)
+    strain = axial.replace("strain", "eps")
+    names = ["step", "stage", f"{strain} [1e-6]", "q/p", "z", "z min", "a_c", "a_c max", "it."]
+    screen.table(f"{record.scene['title']} (means over the volume, and extremes)", names, rows)
     size = record.details["size"]
     screen.say(
         f"{size['degrees_of_freedom']} degrees of freedom, {size['integration_points']} integration points; "

@@ -10,11 +10,17 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 
+PLAIN_WIDTH = 100
+"""Least width of tables that go to a file or a pipe."""
+
+
 class Screen:
     """Progress and messages on a terminal; plain lines elsewhere."""
 
     def __init__(self, console: Console | None = None) -> None:
         self.console = console or Console(highlight=False)
+        if not self.console.is_terminal:
+            self.console.width = max(self.console.width, PLAIN_WIDTH)
 
     def say(self, text: str) -> None:
         """One line."""
@@ -48,8 +54,8 @@ class Screen:
     def table(self, title: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Short table, numbers to the right."""
         table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
-        for place, name in enumerate(names):
-            table.add_column(name, justify="left" if place == 0 else "right", overflow="fold")
+        for name in names:
+            table.add_column(name, justify="right", no_wrap=True)
         for row in rows:
             table.add_row(*row)
         self.console.print(table)
