@@ -53,6 +53,8 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
     ------
     InputError
         If the scene is of another kind or the folder cannot be used; then nothing was written.
+    RunError
+        If the run broke off within a step.
     """
     scene = loaded.scene
     if scene.kind != "point":
@@ -78,7 +80,10 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
             done += 1
             advance(done, f"step {done} of {total}")
 
-        history = drive(law, scene.initial.stress, legs, on_step=on_step, stop=stop)
+        try:
+            history = drive(law, scene.initial.stress, legs, on_step=on_step, stop=stop)
+        except KeyboardInterrupt as error:
+            raise record.broken_off("interrupted within a step") from error
     record.timing["compilation"] = watch.seconds
     record.timing["path"] -= watch.seconds
     names = list(history.columns)

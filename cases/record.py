@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -15,6 +15,7 @@ from typing import Any, Literal
 from constitutive.effects import Effects
 
 from . import files
+from .errors import RunError
 from .scene import LoadedScene
 from .toml_text import to_toml
 
@@ -89,3 +90,10 @@ class Record:
         }
         files.write_json(self.folder / files.RECORD, data)
         files.write_text(self.folder / files.SCENE, to_toml(self.scene))
+
+    def broken_off(self, message: str) -> RunError:
+        """Close the record of a run that ended within a step, if that can still be written; the error to raise."""
+        self.outcome, self.message = "stopped", message
+        with suppress(OSError):
+            self.write()
+        return RunError(f"{message}; what was computed before is in {self.folder}")

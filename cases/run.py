@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,7 +30,7 @@ from fem.stepping import solve
 from . import build, files
 from .compile_watch import watching
 from .effects_choice import resolve_effects
-from .errors import InputError, RunError
+from .errors import InputError
 from .field_history import FieldHistory
 from .groups import check_groups, material_index, named_boundaries
 from .interruption import stop_wish
@@ -209,9 +208,9 @@ def run_field(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
                 summary = solve(problem, prepared.control, on_step=recorder, stop=stop)
                 recorder.close()
             except (OutputError, OSError) as error:
-                raise _broken_off(record, f"results cannot be written any more: {error}") from error
+                raise record.broken_off(f"results cannot be written any more: {error}") from error
             except KeyboardInterrupt as error:
-                raise _broken_off(record, "interrupted within a step") from error
+                raise record.broken_off("interrupted within a step") from error
         _finish(record, summary, stop.wished)
         if summary.failed_point is not None and record.outcome == "failed":
             write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
@@ -224,14 +223,6 @@ def run_field(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
         record.write()
     _report(recorder.history, summary, record, screen)
     return record
-
-
-def _broken_off(record: Record, message: str) -> RunError:
-    """Close the record of a run that ended within a step, if that can still be written."""
-    record.outcome, record.message = "stopped", message
-    with suppress(OSError):
-        record.write()
-    return RunError(f"{message}; what was computed before is in {record.folder}")
 
 
 def _finish(record: Record, summary: RunSummary, stopped: bool) -> None:
@@ -264,7 +255,7 @@ def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: 
         )
     strain = axial.replace("strain", "eps")
     names = ["step", "stage", f"{strain} [1e-6]", "q/p", "z", "z min", "a_c", "a_c max", "it."]
-    screen.table(f"{record.scene['title']} (means over the volume, and extremes)", names, rows)
+    screen.table(f"{record.scene['title']}: means and extremes", names, rows)
     size = record.details["size"]
     screen.say(
         f"{size['degrees_of_freedom']} degrees of freedom, {size['integration_points']} integration points; "

@@ -54,9 +54,8 @@ def _declared_section(name: str, declaration: type, text: str) -> type[Section]:
             raise ValueError(str(error)) from error
         return section
 
-    return create_model(
-        name, __base__=Section, __doc__=text, __validators__={"check": model_validator(mode="after")(check)}, **entries
-    )
+    validators: Any = {"check": model_validator(mode="after")(check)}
+    return create_model(name, __base__=Section, __doc__=text, __validators__=validators, **entries)
 
 
 def _effects_section() -> type[Section]:
@@ -99,18 +98,20 @@ class Initial(Section):
 class FieldInitial(Initial):
     """State before any loading, everywhere."""
 
-    balance: bool = Field(False, description="balance the initial stress by constant reference forces")
+    balance: bool = Field(default=False, description="balance the initial stress by constant reference forces")
 
 
 class PathLeg(Section):
     """One leg of a path: targets at its end, reached in equal increments, or a rotation at constant p and q."""
 
     control: Annotated[list[Control], Field(min_length=3, max_length=3)] | None = Field(
-        None, description='per component xx, yy, xy: "stress" or "strain"'
+        default=None, description='per component xx, yy, xy: "stress" or "strain"'
     )
-    target: Triple | None = Field(None, description="value at the end of the leg [Pa or -], shear strain as gamma_xy")
+    target: Triple | None = Field(
+        default=None, description="value at the end of the leg [Pa or -], shear strain as gamma_xy"
+    )
     rotation_degrees: Annotated[float, Field(ge=-36_000, le=36_000)] | None = Field(
-        None, description="turn of the principal stress axes over the leg, anticlockwise"
+        default=None, description="turn of the principal stress axes over the leg, anticlockwise"
     )
     increments: Increments = 20
 
@@ -136,7 +137,9 @@ class Rectangle(Section):
 class Mesh(Section):
     """Mesh and finite element."""
 
-    file: Annotated[str, Field(min_length=1)] | None = Field(None, description="Gmsh file, relative to the scene file")
+    file: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None, description="Gmsh file, relative to the scene file"
+    )
     rectangle: Rectangle | None = None
     element: Literal["P1", "P2", "Q1", "Q2"] = "P2"
     quadrature_degree: Annotated[int, Field(ge=1, le=20)] | None = None
@@ -205,7 +208,7 @@ class StageSection(Section):
 
     name: Annotated[str, Field(min_length=1, max_length=80)]
     increments: Increments = 20
-    keep: bool = Field(True, description="keep what earlier stages set and this one does not name")
+    keep: bool = Field(default=True, description="keep what earlier stages set and this one does not name")
     fixed: list[FixedLoad] = []
     fixed_point: list[FixedPointLoad] = []
     displacement: list[DisplacementLoad] = []
@@ -218,7 +221,9 @@ class Solver(Section):
     """Global iteration and load stepping; factors are relative to the nominal step of a stage."""
 
     linear_solver: Literal["auto", "cholmod", "superlu"] = "auto"
-    tolerance: Annotated[float, Field(ge=1e-15, le=1e-1)] = Field(1e-8, description="residual over nodal forces")
+    tolerance: Annotated[float, Field(ge=1e-15, le=1e-1)] = Field(
+        default=1e-8, description="residual over nodal forces"
+    )
     maximum_iterations: Annotated[int, Field(ge=1, le=10_000)] = 12
     first_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = 1.0
     smallest_factor: Annotated[float, Field(ge=1e-12, le=1.0)] = 1e-4
@@ -239,7 +244,9 @@ class Solver(Section):
 class Output(Section):
     """What a field run writes besides history.csv and run.json."""
 
-    every: Annotated[int, Field(ge=1, le=1_000_000)] = Field(1, description="fields every so many steps, and the last")
+    every: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
+        default=1, description="fields every so many steps, and the last"
+    )
     pictures: bool = True
 
 

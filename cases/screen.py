@@ -9,7 +9,6 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-
 PLAIN_WIDTH = 100
 """Least width of tables that go to a file or a pipe."""
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from cases.cli import main
 
@@ -34,3 +37,17 @@ def granfabric(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[st
         return Result(code, captured.out, captured.err)
 
     return call
+
+
+@pytest.fixture
+def is_drawn() -> Callable[[Path], bool]:
+    """Decode a PNG and tell whether it shows something: neither blank nor one colour, large enough, with colours."""
+
+    def look(path: Path) -> bool:
+        assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+        image = np.asarray(imread(path))[:, :, :3]
+        inked = np.abs(image - image[0, 0]).max(axis=2) > 0.1
+        coloured = np.ptp(image, axis=2) > 0.2
+        return min(image.shape[:2]) > 300 and 0.005 < float(inked.mean()) < 0.9 and bool(coloured.any())
+
+    return look
