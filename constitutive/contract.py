@@ -130,7 +130,8 @@ class UpdateReport:
     rejected : ndarray of int32, shape (npt,)
         Rejected substeps of each point.
     proposed_step_factor : float
-        Fraction of this increment worth trying next, smallest over the points: below 1 after a failure; 1 or more otherwise.
+        Fraction of this increment worth trying next, smallest over the points: below 1 after a failure, else 1 or
+        more.
     """
 
     status: NDArray[np.int8]
@@ -211,7 +212,8 @@ class Law(Protocol):
         tangent : ndarray, shape (npt, 3, 3), optional
             Written if given: d stress_end / d strain_increment [Pa].
         tangent_kind : {"propagated", "continuum", "elastic"}
-            Exact derivative of the discrete update; tangent of the rate equations at the end; stiffness of the end state.
+            Exact derivative of the discrete update; tangent of the rate equations at the end state; elastic stiffness
+            of the start state.
         material_index : ndarray of int32, shape (npt,), optional
             As in `initial_state`.
         """

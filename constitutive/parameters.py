@@ -76,7 +76,9 @@ class Material:
         Variable("bulk_reduction", "bulk modulus over its uniform-strain estimate", lower=1e-3, upper=2.0, default=1.0)
     )
     shear_reduction: float = _declare(
-        Variable("shear_reduction", "shear modulus over its uniform-strain estimate", lower=1e-3, upper=2.0, default=1.0)
+        Variable(
+            "shear_reduction", "shear modulus over its uniform-strain estimate", lower=1e-3, upper=2.0, default=1.0
+        )
     )
     initial_fabric_xx: float = _declare(
         Variable("initial_fabric_xx", "a_c(0), component along cos 2 theta", lower=-2.0, upper=2.0, default=0.0)

@@ -81,15 +81,15 @@ def _update(
         equivalent = np.sqrt(1.5 * (sxx * sxx + syy * syy + szz * szz + 2.0 * sxy * sxy))
         strength = table[row, 2] + hardening * state_start[point, 1]
         overstress = equivalent - strength
+        # A point on its yield surface lies beyond it by rounding; without an increment that must not count.
+        still = xx == 0.0 and yy == 0.0 and xy == 0.0
         multiplier = 0.0
-        if overstress > 0.0:
+        if overstress > 0.0 and not still:
             multiplier = overstress / (3.0 * shear + hardening)
         factor = 1.0
         if multiplier > 0.0:
             factor = 1.0 - 3.0 * shear * multiplier / equivalent
-        still = xx == 0.0 and yy == 0.0 and xy == 0.0 and multiplier == 0.0
         if still:
-            # To the last bit: a zero increment changes nothing.
             for i in range(3):
                 stress_end[point, i] = stress_start[point, i]
             state_end[point, 0] = szz0

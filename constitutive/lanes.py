@@ -1,0 +1,106 @@
+"""Workspace of the compiled update: points side by side in lanes, so that the compiler can use vector instructions.
+
+A workspace is one float64 array. Row R of it holds one quantity of `LANES` points, and a row is named by its *start*:
+``w[R + lane]``. All starts are compile-time constants of one base pointer; that is what lets the compiler prove that
+rows do not overlap. Every loop over lanes runs over all of them, whether or not a lane holds a point just now, so a
+point's result does not depend on its neighbours.
+
+Compression is positive in p, s, d and all harmonics inside; stress and strain rows are tension positive.
+"""
+
+from itertools import count
+
+LANES = 16
+"""A multiple of every vector width; small enough that a workspace stays in the first-level cache."""
+
+_next = count()
+
+
+def _rows(number: int) -> int:
+    """Start of that many fresh consecutive rows."""
+    first = next(_next)
+    for _ in range(number - 1):
+        next(_next)
+    return first * LANES
+
+
+UNKNOWNS = 6
+"""Stress xx, yy, xy; coordination number; fabric anisotropy 1, 2."""
+COLUMNS = 3
+"""Strain components by which is differentiated."""
+SLOPES = UNKNOWNS * COLUMNS
+"""Derivatives of the unknowns, column by column."""
+EXTRAS = 9
+"""z, a_c gained (3) and lost (3), and strain (3): integrated along, nothing depends on them."""
+ADVANCED = UNKNOWNS + SLOPES
+"""Rows that a substep advances together: the unknowns, then their derivatives."""
+RATES = ADVANCED + EXTRAS
+STAGES = 7
+"""Most stages of a Runge-Kutta pair."""
+
+L = LANES
+
+# the point in a lane
+Y = _rows(UNKNOWNS)
+TY = _rows(SLOPES)
+SUMS = _rows(EXTRAS)
+GIVEN = _rows(3)
+START_S1, START_S2, START_N1, START_N2 = (_rows(1) for _ in range(4))
+REFERENCE_Z, REFERENCE_A1, REFERENCE_A2 = (_rows(1) for _ in range(3))
+MEASURE, ACCEPT, OUTCOME, WORST = (_rows(1) for _ in range(4))
+STEP = _rows(UNKNOWNS + UNKNOWNS * COLUMNS)
+"""The substep, repeated for all advanced rows."""
+ERROR = _rows(UNKNOWNS)
+
+# parameters of the lane's material
+P_ZERO, HALF_GAP, NEIGHBOURS, C_N, FORCE_SCALE, BULK, SHEAR, COUPLING, FLOOR = (_rows(1) for _ in range(9))
+
+# one stage: unknowns there and their derivatives; rates of both, and of the extras
+TRIAL = _rows(UNKNOWNS)
+TRIAL_TY = _rows(SLOPES)
+TRIAL_Z, TRIAL_A1, TRIAL_A2 = TRIAL + 3 * L, TRIAL + 4 * L, TRIAL + 5 * L
+RATE = _rows(UNKNOWNS)
+SLOPE = _rows(SLOPES)
+GAINED, LOST, STRAIN = (_rows(3) for _ in range(3))
+
+# intermediate quantities of a stage
+INVERSE_P, S1, S2, D, DS1, DS2, N1, N2, LIMIT, FORCE = (_rows(1) for _ in range(10))
+STIFF_Z, STIFF_A1, STIFF_A2 = (_rows(1) for _ in range(3))
+V1, V2, X1, X2, GAIN_FACTOR, SOLVED = (_rows(1) for _ in range(6))
+COS, SIN, F_V1, F_V2, F_A1, F_A2, F_N = (_rows(1) for _ in range(7))
+I11, I12, I21, I22 = (_rows(1) for _ in range(4))
+
+# moments over the arc of loss
+C = _rows(4)
+K = _rows(3)
+P1 = _rows(4)
+S1M = _rows(3)
+P2 = _rows(5)
+S2M = _rows(4)
+ARC_C1, ARC_S1, ARC_C2, ARC_S2 = (_rows(1) for _ in range(4))
+SERIES_BEFORE, SERIES_NOW, SERIES_POWER1, SERIES_POWER2, SERIES_FACTOR = (_rows(1) for _ in range(5))
+SERIES_SUM = _rows(4)
+
+# loss and gain: values (3), derivative by d, w (3, 3), by a_c (3, 2), by a_n (3, 2); loss first
+VALUE = _rows(6)
+BY_V = _rows(18)
+BY_A = _rows(12)
+BY_N = _rows(6)
+
+# net rates of z, a_c by nine inputs
+INPUTS = 9
+IN_D, IN_S1, IN_S2, IN_Z, IN_A1, IN_A2, IN_N1, IN_N2, IN_F = range(INPUTS)
+JACOBIAN = _rows(3 * INPUTS)
+
+# stages kept by the integrator
+STAGE = _rows(RATES * STAGES)
+
+SIZE = next(_next) * LANES
+"""Length of a workspace."""
+
+# entries of the integer options given to the kernels
+LOSS, GAIN, ROTATION, FEEDBACK, SELF_CONSISTENT, DENSITY, CLOSED_FORM = range(7)
+HARMONIC, MAXIMUM_ENTROPY = 0, 1
+
+KERNEL_OPTIONS = {"fastmath": {"contract"}}
+"""Multiply-add in one rounding is the same for every lane; nothing else of IEEE arithmetic is given up."""

@@ -1,0 +1,300 @@
+"""The contact gain/loss law as a host sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .contract import Array, LawDescription, TangentKind, UpdateReport
+from .effects import Effects
+from .integrate import (
+    TANGENT_CONTINUUM,
+    TANGENT_ELASTIC,
+    TANGENT_NONE,
+    TANGENT_PROPAGATED,
+    smallest_step_factor,
+    update_batch,
+)
+from .lanes import HARMONIC, MAXIMUM_ENTROPY
+from .load_lane import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
+from .parameters import Closure, Integration, Material, ParameterError, parameter_table
+from .runge_kutta import TABLEAUS
+from .state import micro_of_columns, state_variables
+
+_TANGENTS = {
+    "propagated": TANGENT_PROPAGATED,
+    "continuum": TANGENT_CONTINUUM,
+    "elastic": TANGENT_ELASTIC,
+}
+
+_COMFORTABLE_SUBSTEPS = 20
+"""Substeps per increment above which the report proposes no larger step."""
+
+
+class ContactLaw:
+    """Contact gain and loss in a granular assembly [Pouragha & Wan 2017]; obeys `contract.Law`.
+
+    Parameters
+    ----------
+    materials : sequence of Material
+        Rows of the parameter table; `material_index` of the calls selects among them.
+    closure : Closure
+    effects : Effects
+    integration : Integration
+
+    Notes
+    -----
+    Tension is positive in all arrays, the shear strain is the engineering one. Inside, compression is positive.
+    """
+
+    def __init__(
+        self,
+        materials: Sequence[Material],
+        closure: Closure | None = None,
+        effects: Effects | None = None,
+        integration: Integration | None = None,
+    ) -> None:
+        if not materials:
+            raise ParameterError("a contact law needs at least one material")
+        self.materials = tuple(materials)
+        self.closure = closure or Closure()
+        self.effects = effects or Effects()
+        self.integration = integration or Integration()
+        self._table = parameter_table(self.materials)
+        entropy = self.closure.distribution == "maximum_entropy"
+        for material in self.materials:
+            magnitude = float(np.hypot(material.initial_fabric_xx, material.initial_fabric_xy))
+            limit = 2.0 if entropy else 1.0
+            if magnitude >= limit and not (magnitude == limit and not entropy):
+                raise ParameterError(
+                    f"material.initial_fabric has the magnitude {magnitude:g}, but the {self.closure.distribution} "
+                    f"distribution admits {'less than 2' if entropy else 'at most 1'}"
+                )
+            if self.closure.tangential == "self_consistent" and material.force_density_at_zero >= 1.0:
+                raise ParameterError(
+                    f"material.force_density_at_zero = {material.force_density_at_zero:g} is not below 1, where the "
+                    'self-consistent equations have no solution; choose tangential = "neglected"'
+                )
+        self._variables = state_variables(self.effects)
+        self._micro = micro_of_columns(self._variables)
+        self._options = np.array(
+            [
+                self.effects.contact_loss,
+                self.effects.contact_gain,
+                self.effects.principal_rotation,
+                self.effects.stiffness_feedback or not self.effects.network_changes,
+                self.closure.tangential == "self_consistent",
+                MAXIMUM_ENTROPY if entropy else HARMONIC,
+                self.integration.arc_integration == "closed_form",
+            ],
+            dtype=np.int64,
+        )
+        self._tableau = TABLEAUS[self.integration.integrator]
+        self._numerics = np.array(
+            [self.integration.tolerance, self.integration.substeps, self.integration.maximum_substeps], dtype=np.float64
+        )
+        self._nodes, self._weights = np.polynomial.legendre.leggauss(self.integration.directions)
+
+    @cached_property
+    def description(self) -> LawDescription:
+        """The law as data."""
+        return LawDescription("contact_gain_loss", self._variables, Material.variables())
+
+    def initial_state(
+        self,
+        stress: Array,
+        material_index: NDArray[np.int32] | None = None,
+        coordination: Array | None = None,
+        fabric_anisotropy: Array | None = None,
+    ) -> Array:
+        """State under the given stress before any loading.
+
+        The normal-force anisotropy is proportional to the stress-ratio vector, ``a_n = c_n s``; the mean force follows
+        from the scale relation ``f/(kn r) = 2 pi p/(z phi kn)``; a_t closes the stress-force-fabric relation
+        ``s = (a_c + a_n + a_t)/2`` [eq. 7 and section 3.3 of the source].
+
+        Parameters
+        ----------
+        stress : ndarray, shape (npt, 3)
+            Tension positive [Pa].
+        material_index : ndarray of int32, shape (npt,), optional
+        coordination : ndarray, shape (npt,), optional
+            Instead of the material's value, for instance a random field.
+        fabric_anisotropy : ndarray, shape (npt, 2), optional
+            Instead of the material's value.
+
+        Returns
+        -------
+        ndarray, shape (npt, nstate)
+        """
+        stress = np.asarray(stress, dtype=np.float64)
+        npt = stress.shape[0]
+        table = self._table[np.zeros(npt, dtype=np.int32) if material_index is None else material_index]
+        p = -0.5 * (stress[:, 0] + stress[:, 1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            s = np.stack([-0.5 * (stress[:, 0] - stress[:, 1]) / p, -stress[:, 2] / p], axis=1)
+        s[~np.isfinite(s)] = 0.0
+        z = table[:, PAR_Z].copy() if coordination is None else np.asarray(coordination, dtype=np.float64)
+        fabric = table[:, [PAR_FABRIC_XX, PAR_FABRIC_XY]] if fabric_anisotropy is None else np.asarray(fabric_anisotropy)
+        if not self.effects.principal_rotation:
+            s = s * [1.0, 0.0]
+            fabric = fabric * np.array([1.0, 0.0])
+        normal = table[:, [PAR_C_N]] * s
+        values = {
+            "coordination": z,
+            "fabric_anisotropy": fabric,
+            "mean_normal_force": 2.0 * np.pi * p / (z * table[:, PAR_PHI] * table[:, PAR_KN]),
+            "normal_force_anisotropy": normal,
+            "tangential_force_anisotropy": 2.0 * s - fabric - normal,
+            "reference_coordination": z,
+            "reference_fabric": fabric,
+        }
+        state = np.zeros((npt, self.description.nstate))
+        for variable in self._variables:
+            if variable.name in values:
+                value = values[variable.name]
+                columns = self.description.columns(variable.name)
+                state[:, columns] = value.reshape(npt, -1)[:, : variable.components]
+        return state
+
+    def update(
+        self,
+        strain_increment: Array,
+        stress_start: Array,
+        state_start: Array,
+        stress_end: Array,
+        state_end: Array,
+        tangent: Array | None = None,
+        tangent_kind: TangentKind = "propagated",
+        material_index: NDArray[np.int32] | None = None,
+    ) -> UpdateReport:
+        """Advance all points by a strain increment; see `contract.Law.update`."""
+        return self._call(
+            strain_increment,
+            None,
+            stress_start,
+            state_start,
+            stress_end,
+            state_end,
+            None,
+            tangent,
+            tangent_kind,
+            material_index,
+        )
+
+    def update_mixed(
+        self,
+        control: NDArray[np.uint8],
+        increment: Array,
+        stress_start: Array,
+        state_start: Array,
+        stress_end: Array,
+        state_end: Array,
+        strain_increment: Array,
+        material_index: NDArray[np.int32] | None = None,
+    ) -> UpdateReport:
+        """Advance all points by an increment of stress in some components and of strain in the others.
+
+        Parameters
+        ----------
+        control : ndarray of uint8, shape (npt, 3)
+            1 where `increment` is one of stress [Pa], 0 where of strain [-] (engineering shear).
+        increment : ndarray, shape (npt, 3)
+            Tension positive.
+        strain_increment : ndarray, shape (npt, 3)
+            Written: the whole strain increment.
+        stress_start, state_start, stress_end, state_end, material_index :
+            As in `update`.
+        """
+        return self._call(
+            increment,
+            np.ascontiguousarray(control, dtype=np.uint8),
+            stress_start,
+            state_start,
+            stress_end,
+            state_end,
+            strain_increment,
+            None,
+            "propagated",
+            material_index,
+        )
+
+    def update_stress_driven(
+        self,
+        stress_increment: Array,
+        stress_start: Array,
+        state_start: Array,
+        stress_end: Array,
+        state_end: Array,
+        strain_increment: Array,
+        material_index: NDArray[np.int32] | None = None,
+    ) -> UpdateReport:
+        """Advance all points by a stress increment (xx, yy, xy, tension positive) [Pa]; `strain_increment` is written."""
+        control = np.ones((stress_increment.shape[0], 3), dtype=np.uint8)
+        return self.update_mixed(
+            control, stress_increment, stress_start, state_start, stress_end, state_end, strain_increment, material_index
+        )
+
+    def _call(
+        self,
+        given: Array,
+        control: NDArray[np.uint8] | None,
+        stress_start: Array,
+        state_start: Array,
+        stress_end: Array,
+        state_end: Array,
+        strain_increment: Array | None,
+        tangent: Array | None,
+        tangent_kind: TangentKind,
+        material_index: NDArray[np.int32] | None,
+    ) -> UpdateReport:
+        npt = given.shape[0]
+        self._check("increment", given, (npt, 3))
+        self._check("stress_start", stress_start, (npt, 3))
+        self._check("stress_end", stress_end, (npt, 3))
+        self._check("state_start", state_start, (npt, self.description.nstate))
+        self._check("state_end", state_end, (npt, self.description.nstate))
+        if tangent is not None:
+            self._check("tangent", tangent, (npt, 3, 3))
+            if tangent_kind not in _TANGENTS:
+                raise ValueError(f"tangent_kind = {tangent_kind!r} is not one of {', '.join(_TANGENTS)}")
+        if material_index is None:
+            material_index = np.zeros(npt, dtype=np.int32)
+        elif npt and not 0 <= int(material_index.min()) <= int(material_index.max()) < len(self.materials):
+            raise ValueError(f"material_index must lie in 0 ... {len(self.materials) - 1}")
+        status = np.zeros(npt, dtype=np.int8)
+        counts = np.zeros((npt, 2), dtype=np.int32)
+        update_batch(
+            given,
+            np.zeros((1, 3), dtype=np.uint8) if control is None else control,
+            control is not None,
+            stress_start,
+            state_start,
+            stress_end,
+            state_end,
+            np.zeros((0, 3)) if strain_increment is None else strain_increment,
+            np.zeros((0, 3, 3)) if tangent is None else tangent,
+            TANGENT_NONE if tangent is None else _TANGENTS[tangent_kind],
+            np.ascontiguousarray(material_index, dtype=np.int32),
+            self._table,
+            self._micro,
+            self._options,
+            (self._tableau.a, self._tableau.b, self._tableau.error, self._tableau.error_order),
+            self._numerics,
+            self._nodes,
+            self._weights,
+            status,
+            counts,
+        )
+        factor = smallest_step_factor(status, counts, _COMFORTABLE_SUBSTEPS)
+        return UpdateReport(status, counts[:, 0], counts[:, 1], float(factor))
+
+    @staticmethod
+    def _check(name: str, array: Array, shape: tuple[int, ...]) -> None:
+        if array.shape != shape or array.dtype != np.float64 or not array.flags.c_contiguous:
+            raise ValueError(
+                f"{name} must be a C-contiguous float64 array of shape {shape}, got {array.dtype} {array.shape}"
+            )

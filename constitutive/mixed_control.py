@@ -1,0 +1,53 @@
+"""Rates of stress and strain where some components of stress and the other components of strain are given."""
+
+from .compilation import compiled
+from .lanes import BULK, COUPLING, GIVEN, RATE, SHEAR, STIFF_A1, STIFF_A2, STIFF_Z, STRAIN, L
+from .stiffness import fill_stiffness, stress_rate
+
+
+@compiled()
+def solve_mixed(w, lane, control, c):
+    """Complete the rates of one lane: writes rows STRAIN and the first three of RATE.
+
+    Parameters
+    ----------
+    w : ndarray
+        Workspace; reads GIVEN and the stiffness rows.
+    lane : int
+    control : ndarray of uint8, shape (3,)
+        1 where GIVEN is a stress rate, 0 where it is a strain rate.
+    c : ndarray, shape (3, 4)
+        Workspace: stiffness and right-hand side.
+    """
+    k, g, b = w[BULK + lane], w[SHEAR + lane], w[COUPLING + lane]
+    z, a1, a2 = w[STIFF_Z + lane], w[STIFF_A1 + lane], w[STIFF_A2 + lane]
+    fill_stiffness(k, g, b, z, a1, a2, c)
+    for i in range(3):
+        c[i, 3] = w[GIVEN + i * L + lane]
+        w[STRAIN + i * L + lane] = c[i, 3]
+    for i in range(3):
+        if control[i] == 1:
+            for j in range(3):
+                if control[j] == 0:
+                    c[i, 3] -= c[i, j] * w[GIVEN + j * L + lane]
+    # elimination without pivoting is stable: any principal block of the stiffness is positive definite
+    for i in range(3):
+        if control[i] == 1:
+            for row in range(i + 1, 3):
+                if control[row] == 1:
+                    factor = c[row, i] / c[i, i]
+                    for j in range(i + 1, 4):
+                        c[row, j] -= factor * c[i, j]
+    for i in range(2, -1, -1):
+        if control[i] == 1:
+            total = c[i, 3]
+            for j in range(i + 1, 3):
+                if control[j] == 1:
+                    total -= c[i, j] * w[STRAIN + j * L + lane]
+            w[STRAIN + i * L + lane] = total / c[i, i]
+    xx, yy, xy = stress_rate(
+        k, g, b, z, a1, a2, w[STRAIN + lane], w[STRAIN + L + lane], w[STRAIN + 2 * L + lane]
+    )
+    w[RATE + lane] = w[GIVEN + lane] if control[0] == 1 else xx
+    w[RATE + L + lane] = w[GIVEN + L + lane] if control[1] == 1 else yy
+    w[RATE + 2 * L + lane] = w[GIVEN + 2 * L + lane] if control[2] == 1 else xy

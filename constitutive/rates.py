@@ -1,0 +1,291 @@
+"""Rates of the micro-state for given rates of stress, with exact derivatives [Pouragha & Wan 2017, eqs 3-13].
+
+Written in the rates ``d = dp/p`` and ``ds`` of the stress-ratio vector s, so that nothing divides by dp:
+
+    dF(theta) = d + w.e,    w = a_n d + b,    b = 2 ds (tangential neglected)  or  c_n ds + da_c (self-consistent)
+    X_i  = beta P_xi0 f/(2 kn r) gain_i - P0 loss_i          (loss_i, gain_i of `contact_change`)
+    dz   = z X_0,      da_c = 2 (X_1, X_2) - a_c X_0
+"""
+
+from .compilation import compiled
+from .contact_change import closed_form_change
+from .lanes import (
+    BY_A,
+    BY_N,
+    BY_V,
+    C_N,
+    CLOSED_FORM,
+    DENSITY,
+    DS1,
+    DS2,
+    FORCE,
+    GAIN,
+    GAIN_FACTOR,
+    GAINED,
+    HALF_GAP,
+    HARMONIC,
+    I11,
+    I12,
+    I21,
+    I22,
+    IN_A1,
+    IN_A2,
+    IN_D,
+    IN_F,
+    IN_N1,
+    IN_N2,
+    IN_S1,
+    IN_S2,
+    IN_Z,
+    INPUTS,
+    JACOBIAN,
+    KERNEL_OPTIONS,
+    LANES,
+    LOSS,
+    LOST,
+    N1,
+    N2,
+    NEIGHBOURS,
+    P_ZERO,
+    RATE,
+    SELF_CONSISTENT,
+    SOLVED,
+    TRIAL_A1,
+    TRIAL_A2,
+    TRIAL_Z,
+    V1,
+    V2,
+    VALUE,
+    X1,
+    X2,
+    D,
+    L,
+)
+from .quadrature_change import quadrature_change
+
+_FIXED_POINT_TOLERANCE = 1e-13
+_FIXED_POINT_ITERATIONS = 60
+_UNSOLVED, _CONVERGED, _NO_SOLUTION = 0.0, 1.0, 2.0
+
+
+@compiled(**KERNEL_OPTIONS)
+def network_rates(w, options, derivatives, nodes, weights):
+    """Rates of coordination number and fabric, split into gained and lost, in every lane.
+
+    Reads rows D, DS1, DS2, TRIAL_Z, TRIAL_A1, TRIAL_A2, N1, N2 (limited to |a_n| < 1), FORCE; writes RATE 3..5,
+    GAINED, LOST, SOLVED and, if `derivatives`, JACOBIAN (z, a_c by the nine inputs).
+
+    Parameters
+    ----------
+    w : ndarray
+        Workspace, see `lanes`.
+    options : ndarray of int64
+        Effects and choices, see `lanes`.
+    derivatives : bool
+    nodes, weights : ndarray, shape (directions,)
+        Gauss-Legendre rule for arcs without a closed form.
+    """
+    self_consistent = options[SELF_CONSISTENT] != 0
+    for lane in range(LANES):
+        w[X1 + lane] = 0.0
+        w[X2 + lane] = 0.0
+        w[SOLVED + lane] = _UNSOLVED if self_consistent else _CONVERGED
+        z = w[TRIAL_Z + lane]
+        room = w[NEIGHBOURS + lane] - z
+        w[GAIN_FACTOR + lane] = (room if room > 0.0 else 0.0) / z * w[HALF_GAP + lane] * w[FORCE + lane]
+    for _ in range(_FIXED_POINT_ITERATIONS):
+        for lane in range(LANES):
+            share = w[C_N + lane] if self_consistent else 2.0
+            d = w[D + lane]
+            w[V1 + lane] = w[N1 + lane] * d + share * w[DS1 + lane] + w[X1 + lane]
+            w[V2 + lane] = w[N2 + lane] * d + share * w[DS2 + lane] + w[X2 + lane]
+        _change(w, options, derivatives or self_consistent, nodes, weights)
+        if not self_consistent or _improve(w, options):
+            break
+    _split(w, options)
+    if derivatives:
+        _differentiate(w, options)
+        if self_consistent:
+            _close(w, options)
+
+
+@compiled(**KERNEL_OPTIONS)
+def _change(w, options, derivatives, nodes, weights):
+    """Loss and gain of every lane, by closed form where there is one."""
+    loss, gain = options[LOSS] != 0, options[GAIN] != 0
+    closed = options[CLOSED_FORM] != 0 and options[DENSITY] == HARMONIC
+    if closed:
+        closed_form_change(w, loss, gain, derivatives)
+    for lane in range(LANES):
+        a1, a2 = w[TRIAL_A1 + lane], w[TRIAL_A2 + lane]
+        if not closed or a1 * a1 + a2 * a2 > 1.0:
+            quadrature_change(w, lane, options[DENSITY], loss, gain, derivatives, nodes, weights)
+
+
+@compiled(inline="always", **KERNEL_OPTIONS)
+def _net(w, lane, row, offset, loss, gain):
+    """beta P_xi0 f/(2 kn r) gain - P0 loss, of a block of rows that holds loss first and gain `offset` rows later."""
+    total = 0.0
+    if gain:
+        total += w[GAIN_FACTOR + lane] * w[row + offset * L + lane]
+    if loss:
+        total -= w[P_ZERO + lane] * w[row + lane]
+    return total
+
+
+@compiled(**KERNEL_OPTIONS)
+def _improve(w, options):
+    """One Newton step on x = da_c(b = c_n ds + x) in the lanes that have not converged; True when none is left."""
+    loss, gain = options[LOSS] != 0, options[GAIN] != 0
+    done = True
+    for lane in range(LANES):
+        if w[SOLVED + lane] != _UNSOLVED:
+            continue
+        a1, a2 = w[TRIAL_A1 + lane], w[TRIAL_A2 + lane]
+        y0 = _net(w, lane, VALUE, 3, loss, gain)
+        y1 = _net(w, lane, VALUE + L, 3, loss, gain)
+        y2 = _net(w, lane, VALUE + 2 * L, 3, loss, gain)
+        m01 = _net(w, lane, BY_V + L, 9, loss, gain)
+        m02 = _net(w, lane, BY_V + 2 * L, 9, loss, gain)
+        m12 = _net(w, lane, BY_V + 5 * L, 9, loss, gain)
+        r11 = 2.0 * _net(w, lane, BY_V + 4 * L, 9, loss, gain) - a1 * m01
+        r12 = 2.0 * m12 - a1 * m02
+        r21 = 2.0 * m12 - a2 * m01
+        r22 = 2.0 * _net(w, lane, BY_V + 8 * L, 9, loss, gain) - a2 * m02
+        determinant = (1.0 - r11) * (1.0 - r22) - r12 * r21
+        if not (determinant > 1e-9 and r11 < 1.0 and r22 < 1.0):
+            w[SOLVED + lane] = _NO_SOLUTION
+            continue
+        inverse = 1.0 / determinant
+        w[I11 + lane] = (1.0 - r22) * inverse
+        w[I12 + lane] = r12 * inverse
+        w[I21 + lane] = r21 * inverse
+        w[I22 + lane] = (1.0 - r11) * inverse
+        e1, e2 = 2.0 * y1 - a1 * y0 - w[X1 + lane], 2.0 * y2 - a2 * y0 - w[X2 + lane]
+        size = abs(w[D + lane]) + abs(w[V1 + lane]) + abs(w[V2 + lane])
+        if abs(e1) + abs(e2) <= _FIXED_POINT_TOLERANCE * size:
+            w[SOLVED + lane] = _CONVERGED
+            continue
+        w[X1 + lane] += w[I11 + lane] * e1 + w[I12 + lane] * e2
+        w[X2 + lane] += w[I21 + lane] * e1 + w[I22 + lane] * e2
+        done = False
+    return done
+
+
+@compiled(**KERNEL_OPTIONS)
+def _split(w, options):
+    """Gained, lost and net rates of z and a_c."""
+    loss, gain = options[LOSS] != 0, options[GAIN] != 0
+    for lane in range(LANES):
+        z, a1, a2 = w[TRIAL_Z + lane], w[TRIAL_A1 + lane], w[TRIAL_A2 + lane]
+        g0, g1, g2, l0, l1, l2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        if gain:
+            factor = w[GAIN_FACTOR + lane]
+            g0 = factor * w[VALUE + 3 * L + lane]
+            g1 = 2.0 * factor * w[VALUE + 4 * L + lane] - a1 * g0
+            g2 = 2.0 * factor * w[VALUE + 5 * L + lane] - a2 * g0
+        if loss:
+            factor = w[P_ZERO + lane]
+            l0 = factor * w[VALUE + lane]
+            l1 = 2.0 * factor * w[VALUE + L + lane] - a1 * l0
+            l2 = 2.0 * factor * w[VALUE + 2 * L + lane] - a2 * l0
+        w[GAINED + lane] = z * g0
+        w[GAINED + L + lane] = g1
+        w[GAINED + 2 * L + lane] = g2
+        w[LOST + lane] = z * l0
+        w[LOST + L + lane] = l1
+        w[LOST + 2 * L + lane] = l2
+        w[RATE + 3 * L + lane] = z * g0 - z * l0
+        w[RATE + 4 * L + lane] = g1 - l1
+        w[RATE + 5 * L + lane] = g2 - l2
+
+
+@compiled(**KERNEL_OPTIONS)
+def _differentiate(w, options):
+    """Derivatives of the net rates at fixed da_c in b."""
+    loss, gain = options[LOSS] != 0, options[GAIN] != 0
+    self_consistent = options[SELF_CONSISTENT] != 0
+    # rows given as constants, one call each: offsets known only at run time would keep the compiler from vector code
+    _differentiate_row(w, loss, gain, self_consistent, VALUE, BY_V, BY_A, BY_N, JACOBIAN)
+    _differentiate_row(
+        w, loss, gain, self_consistent, VALUE + L, BY_V + 3 * L, BY_A + 2 * L, BY_N + 2 * L, JACOBIAN + INPUTS * L
+    )
+    _differentiate_row(
+        w,
+        loss,
+        gain,
+        self_consistent,
+        VALUE + 2 * L,
+        BY_V + 6 * L,
+        BY_A + 4 * L,
+        BY_N + 4 * L,
+        JACOBIAN + 2 * INPUTS * L,
+    )
+    _relative_to_state(w, IN_D)
+    _relative_to_state(w, IN_S1)
+    _relative_to_state(w, IN_S2)
+    _relative_to_state(w, IN_Z)
+    _relative_to_state(w, IN_A1)
+    _relative_to_state(w, IN_A2)
+    _relative_to_state(w, IN_N1)
+    _relative_to_state(w, IN_N2)
+    _relative_to_state(w, IN_F)
+    for lane in range(LANES):
+        x0 = _net(w, lane, VALUE, 3, loss, gain)
+        w[JACOBIAN + IN_Z * L + lane] += x0
+        w[JACOBIAN + (INPUTS + IN_A1) * L + lane] -= x0
+        w[JACOBIAN + (2 * INPUTS + IN_A2) * L + lane] -= x0
+
+
+@compiled(inline="always", **KERNEL_OPTIONS)
+def _differentiate_row(w, loss, gain, self_consistent, value, by_v, by_a, by_n, row):
+    """Derivatives of X_i by the nine inputs."""
+    for lane in range(LANES):
+        z, d = w[TRIAL_Z + lane], w[D + lane]
+        g = w[GAIN_FACTOR + lane] if gain else 0.0
+        p0 = w[P_ZERO + lane] if loss else 0.0
+        share = w[C_N + lane] if self_consistent else 2.0
+        by0 = g * w[by_v + 9 * L + lane] - p0 * w[by_v + lane]
+        by1 = g * w[by_v + 10 * L + lane] - p0 * w[by_v + L + lane]
+        by2 = g * w[by_v + 11 * L + lane] - p0 * w[by_v + 2 * L + lane]
+        w[row + IN_D * L + lane] = by0 + w[N1 + lane] * by1 + w[N2 + lane] * by2
+        w[row + IN_S1 * L + lane] = share * by1
+        w[row + IN_S2 * L + lane] = share * by2
+        w[row + IN_A1 * L + lane] = g * w[by_a + 6 * L + lane] - p0 * w[by_a + lane]
+        w[row + IN_A2 * L + lane] = g * w[by_a + 7 * L + lane] - p0 * w[by_a + L + lane]
+        w[row + IN_N1 * L + lane] = d * by1 - p0 * w[by_n + lane]
+        w[row + IN_N2 * L + lane] = d * by2 - p0 * w[by_n + L + lane]
+        room = w[NEIGHBOURS + lane] - z
+        gained = w[value + 3 * L + lane] * w[HALF_GAP + lane] / z
+        gained = gained if room > 0.0 else 0.0
+        w[row + IN_Z * L + lane] = -gained * w[NEIGHBOURS + lane] / z * w[FORCE + lane]
+        w[row + IN_F * L + lane] = gained * room
+
+
+@compiled(inline="always", **KERNEL_OPTIONS)
+def _relative_to_state(w, entry):
+    """From derivatives of X_0, X_1, X_2 to those of dz = z X_0, da_c = 2 (X_1, X_2) - a_c X_0, at fixed z, a_c."""
+    for lane in range(LANES):
+        x0 = w[JACOBIAN + entry * L + lane]
+        x1 = w[JACOBIAN + (INPUTS + entry) * L + lane]
+        x2 = w[JACOBIAN + (2 * INPUTS + entry) * L + lane]
+        w[JACOBIAN + entry * L + lane] = w[TRIAL_Z + lane] * x0
+        w[JACOBIAN + (INPUTS + entry) * L + lane] = 2.0 * x1 - w[TRIAL_A1 + lane] * x0
+        w[JACOBIAN + (2 * INPUTS + entry) * L + lane] = 2.0 * x2 - w[TRIAL_A2 + lane] * x0
+
+
+@compiled(**KERNEL_OPTIONS)
+def _close(w, options):
+    """Implicit differentiation of the self-consistent da_c: times (1 - d da_c/d b)^-1; then carry da_c into dz."""
+    loss, gain = options[LOSS] != 0, options[GAIN] != 0
+    for j in range(INPUTS):
+        row = JACOBIAN + j * L
+        for lane in range(LANES):
+            z1 = w[TRIAL_Z + lane] * _net(w, lane, BY_V + L, 9, loss, gain)
+            z2 = w[TRIAL_Z + lane] * _net(w, lane, BY_V + 2 * L, 9, loss, gain)
+            r1, r2 = w[row + INPUTS * L + lane], w[row + 2 * INPUTS * L + lane]
+            t1 = w[I11 + lane] * r1 + w[I12 + lane] * r2
+            t2 = w[I21 + lane] * r1 + w[I22 + lane] * r2
+            w[row + INPUTS * L + lane] = t1
+            w[row + 2 * INPUTS * L + lane] = t2
+            w[row + lane] += z1 * t1 + z2 * t2

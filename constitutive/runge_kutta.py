@@ -1,0 +1,83 @@
+"""Explicit Runge-Kutta pairs and the constants of step control, all in one place.
+
+A substep that goes from t to t + h advances with the higher order of the pair; the difference to the embedded lower
+order is the error estimate. References: Hairer, Norsett & Wanner, Solving ODEs I, sections II.1, II.4 (Kutta's third
+order with the embedded midpoint rule, Dormand-Prince); Bogacki & Shampine 1989.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SAFETY = 0.9
+"""Aim below the tolerance, so that most next substeps are accepted."""
+MIN_FACTOR = 0.2
+"""A substep never shrinks by more than this at once: the estimate is only asymptotic."""
+MAX_FACTOR = 10.0
+"""Nor grows by more than this."""
+FAILED_STAGE_FACTOR = 0.25
+"""Shrink by this when a stage leaves the admissible set."""
+SMALLEST_SUBSTEP = 1e-13
+"""A substep smaller than this fraction of the increment is a failure."""
+
+
+@dataclass(frozen=True)
+class Tableau:
+    """Coefficients of an explicit pair.
+
+    Parameters
+    ----------
+    a : ndarray, shape (s, s)
+        Strictly lower triangular.
+    b : ndarray, shape (s,)
+        Weights of the order that is used.
+    error : ndarray, shape (s,)
+        `b` minus the weights of the embedded order; zeros if there is none.
+    order : int
+        Order of `b`.
+    error_order : int
+        Order of the embedded method; 0 if there is none (fixed substeps).
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    error: np.ndarray
+    order: int
+    error_order: int
+
+
+def _tableau(rows: list[list[float]], b: list[float], embedded: list[float] | None, order: int) -> Tableau:
+    s = len(b)
+    a = np.zeros((s, s))
+    for i, row in enumerate(rows):
+        a[i + 1, : len(row)] = row
+    weights = np.array(b)
+    if embedded is None:
+        return Tableau(a, weights, np.zeros(s), order, 0)
+    return Tableau(a, weights, weights - np.array(embedded), order, order - 1)
+
+
+TABLEAUS: dict[str, Tableau] = {
+    "forward_euler": _tableau([], [1.0], None, 1),
+    "modified_euler": _tableau([[1.0]], [0.5, 0.5], [1.0, 0.0], 2),
+    "kutta": _tableau([[0.5], [-1.0, 2.0]], [1 / 6, 2 / 3, 1 / 6], [0.0, 1.0, 0.0], 3),
+    "bogacki_shampine": _tableau(
+        [[1 / 2], [0.0, 3 / 4], [2 / 9, 1 / 3, 4 / 9]],
+        [2 / 9, 1 / 3, 4 / 9, 0.0],
+        [7 / 24, 1 / 4, 1 / 3, 1 / 8],
+        3,
+    ),
+    "dormand_prince": _tableau(
+        [
+            [1 / 5],
+            [3 / 40, 9 / 40],
+            [44 / 45, -56 / 15, 32 / 9],
+            [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729],
+            [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656],
+            [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+        ],
+        [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84, 0.0],
+        [5179 / 57600, 0.0, 7571 / 16695, 393 / 640, -92097 / 339200, 187 / 2100, 1 / 40],
+        5,
+    ),
+}

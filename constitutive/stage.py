@@ -1,0 +1,276 @@
+"""One Runge-Kutta stage in every lane: rates of stress, micro-state and strain, and their derivatives.
+
+The increment is followed in a pseudo-time from 0 to 1 with constant rates of the controlled components.
+"""
+
+import math
+
+from .compilation import compiled
+from .contact_change import LARGEST_FORCE_ANISOTROPY
+from .contract import Status
+from .lanes import (
+    BULK,
+    C_N,
+    COUPLING,
+    DENSITY,
+    DS1,
+    DS2,
+    FEEDBACK,
+    FLOOR,
+    FORCE,
+    FORCE_SCALE,
+    GAIN,
+    GAINED,
+    GIVEN,
+    IN_A1,
+    IN_A2,
+    IN_D,
+    IN_F,
+    IN_N1,
+    IN_N2,
+    IN_S1,
+    IN_S2,
+    IN_Z,
+    INPUTS,
+    INVERSE_P,
+    JACOBIAN,
+    KERNEL_OPTIONS,
+    LANES,
+    LIMIT,
+    LOSS,
+    LOST,
+    MAXIMUM_ENTROPY,
+    N1,
+    N2,
+    OUTCOME,
+    RATE,
+    REFERENCE_A1,
+    REFERENCE_A2,
+    REFERENCE_Z,
+    ROTATION,
+    S1,
+    S2,
+    SHEAR,
+    SLOPE,
+    SOLVED,
+    START_N1,
+    START_N2,
+    START_S1,
+    START_S2,
+    STIFF_A1,
+    STIFF_A2,
+    STIFF_Z,
+    STRAIN,
+    TRIAL,
+    TRIAL_A1,
+    TRIAL_A2,
+    TRIAL_TY,
+    TRIAL_Z,
+    UNKNOWNS,
+    D,
+    L,
+)
+from .mixed_control import solve_mixed
+from .rates import network_rates
+from .stiffness import stress_rate
+
+OK = float(Status.OK)
+LIMITED = float(Status.LIMITED)
+NO_PRESSURE = float(Status.NO_PRESSURE)
+NOT_ADMISSIBLE = float(Status.NOT_ADMISSIBLE)
+STIFFNESS_LOST = float(Status.STIFFNESS_LOST)
+NOT_CONVERGED = float(Status.NOT_CONVERGED)
+
+
+@compiled(**KERNEL_OPTIONS)
+def stage(w, control, mixed, options, derivatives, nodes, weights, solver):
+    """Rates at the stage whose unknowns are in rows TRIAL (and TRIAL_TY); writes RATE ... STRAIN and OUTCOME.
+
+    Parameters
+    ----------
+    w : ndarray
+        Workspace, see `lanes`.
+    control : ndarray of uint8, shape (LANES, 3)
+        1 where the stress component is given, 0 where the strain component is; read only if `mixed`.
+    mixed : bool
+    options : ndarray of int64
+    derivatives : bool
+        Derivatives by the strain increment; pure strain control only.
+    nodes, weights : ndarray
+        Gauss-Legendre rule.
+    solver : ndarray, shape (3, 4)
+        Workspace of `mixed_control.solve_mixed`.
+    """
+    network = options[LOSS] != 0 or options[GAIN] != 0
+    _check(w, options)
+    if mixed:
+        for lane in range(LANES):
+            solve_mixed(w, lane, control[lane], solver)
+    else:
+        for lane in range(LANES):
+            x, y, s = stress_rate(
+                w[BULK + lane],
+                w[SHEAR + lane],
+                w[COUPLING + lane],
+                w[STIFF_Z + lane],
+                w[STIFF_A1 + lane],
+                w[STIFF_A2 + lane],
+                w[GIVEN + lane],
+                w[GIVEN + L + lane],
+                w[GIVEN + 2 * L + lane],
+            )
+            w[RATE + lane] = x
+            w[RATE + L + lane] = y
+            w[RATE + 2 * L + lane] = s
+            w[STRAIN + lane] = w[GIVEN + lane]
+            w[STRAIN + L + lane] = w[GIVEN + L + lane]
+            w[STRAIN + 2 * L + lane] = w[GIVEN + 2 * L + lane]
+    if network:
+        _force_change(w, options)
+        network_rates(w, options, derivatives, nodes, weights)
+        for lane in range(LANES):
+            outcome = w[OUTCOME + lane]
+            w[OUTCOME + lane] = NOT_CONVERGED if outcome <= LIMITED and w[SOLVED + lane] != 1.0 else outcome
+    else:
+        for row in range(3):
+            for lane in range(LANES):
+                w[RATE + (3 + row) * L + lane] = 0.0
+                w[GAINED + row * L + lane] = 0.0
+                w[LOST + row * L + lane] = 0.0
+    if derivatives:
+        feedback, rotation = options[FEEDBACK] != 0, options[ROTATION] != 0
+        # one call each: the offsets of a column must be constants to become vector code
+        _column(w, feedback, rotation, network, TRIAL_TY, SLOPE, 1.0, 1.0, 0.0)
+        _column(w, feedback, rotation, network, TRIAL_TY + UNKNOWNS * L, SLOPE + UNKNOWNS * L, 1.0, -1.0, 0.0)
+        _column(w, feedback, rotation, network, TRIAL_TY + 2 * UNKNOWNS * L, SLOPE + 2 * UNKNOWNS * L, 0.0, 0.0, 1.0)
+
+
+@compiled(**KERNEL_OPTIONS)
+def _check(w, options):
+    """Invariants of the stage's stress, and whether the state is one from which rates can be computed."""
+    feedback = options[FEEDBACK] != 0
+    harmonic = options[DENSITY] != MAXIMUM_ENTROPY
+    for lane in range(LANES):
+        z, a1, a2 = w[TRIAL_Z + lane], w[TRIAL_A1 + lane], w[TRIAL_A2 + lane]
+        xx, yy, xy = w[TRIAL + lane], w[TRIAL + L + lane], w[TRIAL + 2 * L + lane]
+        fabric = a1 * a1 + a2 * a2
+        p = -0.5 * (xx + yy)
+        zc = z if feedback else w[REFERENCE_Z + lane]
+        c1 = a1 if feedback else w[REFERENCE_A1 + lane]
+        c2 = a2 if feedback else w[REFERENCE_A2 + lane]
+        b = w[COUPLING + lane]
+        definite = b * b * (c1 * c1 + c2 * c2) < w[BULK + lane] * w[SHEAR + lane]
+        outcome = LIMITED if harmonic and fabric > 1.0 else OK
+        outcome = outcome if definite else STIFFNESS_LOST
+        outcome = outcome if p > w[FLOOR + lane] else NO_PRESSURE
+        admissible = z > 0.0 and fabric < 4.0
+        outcome = outcome if admissible else NOT_ADMISSIBLE
+        usable = outcome <= LIMITED
+        # a lane that has failed computes on with harmless numbers
+        inverse = 1.0 / (p if usable else 1.0)
+        w[OUTCOME + lane] = outcome
+        w[INVERSE_P + lane] = inverse
+        w[S1 + lane] = -0.5 * (xx - yy) * inverse if usable else 0.0
+        w[S2 + lane] = -xy * inverse if usable else 0.0
+        w[STIFF_Z + lane] = zc if usable else 1.0
+        w[STIFF_A1 + lane] = c1 if usable else 0.0
+        w[STIFF_A2 + lane] = c2 if usable else 0.0
+        w[TRIAL_Z + lane] = z if usable else 1.0
+        w[TRIAL_A1 + lane] = a1 if usable else 0.0
+        w[TRIAL_A2 + lane] = a2 if usable else 0.0
+        w[FORCE + lane] = w[FORCE_SCALE + lane] * (p if usable else 1.0) / (z if usable else 1.0)
+
+
+@compiled(**KERNEL_OPTIONS)
+def _force_change(w, options):
+    """d = dp/p and ds of the stress rate; a_n, with its magnitude limited so that the mean force stays positive."""
+    rotation = options[ROTATION] != 0
+    for lane in range(LANES):
+        inverse, s1, s2 = w[INVERSE_P + lane], w[S1 + lane], w[S2 + lane]
+        xx, yy, xy = w[RATE + lane], w[RATE + L + lane], w[RATE + 2 * L + lane]
+        d = -0.5 * (xx + yy) * inverse
+        ds2 = -xy * inverse - s2 * d
+        n1 = w[START_N1 + lane] + w[C_N + lane] * (s1 - w[START_S1 + lane])
+        n2 = w[START_N2 + lane] + w[C_N + lane] * (s2 - w[START_S2 + lane])
+        ds2 = ds2 if rotation else 0.0
+        n2 = n2 if rotation else 0.0
+        square = n1 * n1 + n2 * n2
+        over = square > LARGEST_FORCE_ANISOTROPY * LARGEST_FORCE_ANISOTROPY
+        limit = LARGEST_FORCE_ANISOTROPY / math.sqrt(square) if over else 1.0
+        w[D + lane] = d
+        w[DS1 + lane] = -0.5 * (xx - yy) * inverse - s1 * d
+        w[DS2 + lane] = ds2
+        w[N1 + lane] = n1 * limit
+        w[N2 + lane] = n2 * limit
+        w[LIMIT + lane] = limit
+        outcome = w[OUTCOME + lane]
+        w[OUTCOME + lane] = LIMITED if over and outcome < LIMITED else outcome
+
+
+@compiled(inline="always", **KERNEL_OPTIONS)
+def _column(w, feedback, rotation, network, ty, out, o_v, o_d, o_g):
+    """Derivative of the rates by one component of the strain increment: product rule through the whole stage.
+
+    `ty` and `out` are the rows of the column; o_v, o_d, o_g the component's own mean, deviator and shear strain.
+    """
+    for lane in range(LANES):
+        k, g, b = w[BULK + lane], w[SHEAR + lane], w[COUPLING + lane]
+        zc, c1, c2 = w[STIFF_Z + lane], w[STIFF_A1 + lane], w[STIFF_A2 + lane]
+        tz, t1, t2 = w[ty + 3 * L + lane], w[ty + 4 * L + lane], w[ty + 5 * L + lane]
+        mean = zc * (k * o_v + b * (c1 * o_d + c2 * o_g))
+        half = zc * (g * o_d + b * c1 * o_v)
+        shear = zc * (g * o_g + b * c2 * o_v)
+        if feedback:
+            e_v = w[GIVEN + lane] + w[GIVEN + L + lane]
+            e_d = w[GIVEN + lane] - w[GIVEN + L + lane]
+            e_g = w[GIVEN + 2 * L + lane]
+            mean += tz * (k * e_v + b * (c1 * e_d + c2 * e_g)) + zc * b * (t1 * e_d + t2 * e_g)
+            half += tz * (g * e_d + b * c1 * e_v) + zc * b * t1 * e_v
+            shear += tz * (g * e_g + b * c2 * e_v) + zc * b * t2 * e_v
+        w[out + lane] = mean + half
+        w[out + L + lane] = mean - half
+        w[out + 2 * L + lane] = shear
+    if not network:
+        for lane in range(LANES):
+            w[out + 3 * L + lane] = 0.0
+            w[out + 4 * L + lane] = 0.0
+            w[out + 5 * L + lane] = 0.0
+        return
+    for lane in range(LANES):
+        inverse, s1, s2, d = w[INVERSE_P + lane], w[S1 + lane], w[S2 + lane], w[D + lane]
+        xx, yy, xy = w[RATE + lane], w[RATE + L + lane], w[RATE + 2 * L + lane]
+        mean, half = 0.5 * (w[out + lane] + w[out + L + lane]), 0.5 * (w[out + lane] - w[out + L + lane])
+        shear = w[out + 2 * L + lane]
+        t_xx, t_yy, t_xy = w[ty + lane], w[ty + L + lane], w[ty + 2 * L + lane]
+        tz, t1, t2 = w[ty + 3 * L + lane], w[ty + 4 * L + lane], w[ty + 5 * L + lane]
+        # relative change of p, then of s, d, ds, a_n and f
+        relative = -0.5 * (t_xx + t_yy) * inverse
+        v1 = -0.5 * (t_xx - t_yy) * inverse - s1 * relative
+        v2 = -t_xy * inverse - s2 * relative
+        dd = -mean * inverse - d * relative
+        w1 = -half * inverse + 0.5 * (xx - yy) * inverse * relative - v1 * d - s1 * dd
+        w2 = -shear * inverse + xy * inverse * relative - v2 * d - s2 * dd
+        m1, m2 = w[C_N + lane] * v1, w[C_N + lane] * v2
+        w2 = w2 if rotation else 0.0
+        m2 = m2 if rotation else 0.0
+        # a limited vector only turns: remove the part along itself
+        limit = w[LIMIT + lane]
+        n1, n2 = w[N1 + lane], w[N2 + lane]
+        square = n1 * n1 + n2 * n2
+        part = (m1 * n1 + m2 * n2) / (square if square > 0.0 else 1.0)
+        part = part if limit < 1.0 else 0.0
+        m1, m2 = limit * (m1 - part * n1), limit * (m2 - part * n2)
+        df = w[FORCE + lane] * (relative - tz / w[TRIAL_Z + lane])
+        for i in range(3):
+            row = JACOBIAN + i * INPUTS * L + lane
+            w[out + (3 + i) * L + lane] = (
+                w[row + IN_D * L] * dd
+                + w[row + IN_S1 * L] * w1
+                + w[row + IN_S2 * L] * w2
+                + w[row + IN_Z * L] * tz
+                + w[row + IN_A1 * L] * t1
+                + w[row + IN_A2 * L] * t2
+                + w[row + IN_N1 * L] * m1
+                + w[row + IN_N2 * L] * m2
+                + w[row + IN_F * L] * df
+            )

@@ -1,0 +1,85 @@
+"""State of a point as columns: which quantities are carried depends on the effects that are on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .contract import Variable
+from .effects import Effects
+from .load_lane import (
+    M_A1,
+    M_A1_REF,
+    M_F,
+    M_GAINED,
+    M_LOST,
+    M_N1,
+    M_T1,
+    M_Z,
+    M_Z_REF,
+    MICRO,
+)
+
+_ALONG = "component(s) in the double-angle plane"
+
+
+def state_variables(effects: Effects) -> tuple[Variable, ...]:
+    """Declaration of the state columns for an effect set.
+
+    Without `principal_rotation` vectors have one component (along the x-y axes); what is gained or lost is counted only
+    if that effect is on; a reference state is kept only where the network changes but the stiffness does not.
+    """
+    components = 2 if effects.principal_rotation else 1
+    variables = [
+        Variable("coordination", "coordination number z", lower=0.0),
+        Variable("fabric_anisotropy", f"a_c, {_ALONG}", components=components, lower=-2.0, upper=2.0),
+        Variable("mean_normal_force", "mean normal force over kn r", lower=0.0),
+        Variable("normal_force_anisotropy", f"a_n, {_ALONG}", components=components),
+        Variable("tangential_force_anisotropy", f"a_t, {_ALONG}", components=components),
+    ]
+    if effects.contact_gain:
+        variables += [
+            Variable("coordination_gained", "z gained since the start", lower=0.0, default=0.0),
+            Variable("fabric_gained", f"change of a_c by gain, {_ALONG}", components=components, default=0.0),
+        ]
+    if effects.contact_loss:
+        variables += [
+            Variable("coordination_lost", "z lost since the start", lower=0.0, default=0.0),
+            Variable("fabric_lost", f"change of a_c by loss (subtracts), {_ALONG}", components=components, default=0.0),
+        ]
+    if effects.network_changes and not effects.stiffness_feedback:
+        variables += [
+            Variable("reference_coordination", "z that the stiffness keeps", lower=0.0),
+            Variable("reference_fabric", f"a_c that the stiffness keeps, {_ALONG}", components=components),
+        ]
+    return tuple(variables)
+
+
+_MICRO_OF = {
+    "coordination": (M_Z,),
+    "fabric_anisotropy": (M_A1, M_A1 + 1),
+    "mean_normal_force": (M_F,),
+    "normal_force_anisotropy": (M_N1, M_N1 + 1),
+    "tangential_force_anisotropy": (M_T1, M_T1 + 1),
+    "coordination_gained": (M_GAINED,),
+    "fabric_gained": (M_GAINED + 1, M_GAINED + 2),
+    "coordination_lost": (M_LOST,),
+    "fabric_lost": (M_LOST + 1, M_LOST + 2),
+    "reference_coordination": (M_Z_REF,),
+    "reference_fabric": (M_A1_REF, M_A1_REF + 1),
+}
+
+
+def micro_of_columns(variables: tuple[Variable, ...]) -> NDArray[np.int64]:
+    """For each state column, the entry of the micro-state (see `load_lane`) that it holds.
+
+    Returns
+    -------
+    ndarray of int64, shape (nstate,)
+    """
+    entries: list[int] = []
+    for variable in variables:
+        entries += _MICRO_OF[variable.name][: variable.components]
+    if len(set(entries)) != len(entries) or max(entries) >= MICRO:
+        raise AssertionError("state columns overlap")
+    return np.array(entries, dtype=np.int64)
