@@ -26,7 +26,12 @@ app = typer.Typer(
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A shipped scene's name or a scene file.")]
 OutputOption = Annotated[
     Optional[Path],  # noqa: UP045  (typer reads the annotation at run time)
-    typer.Option("-o", "--output", metavar="DIR", help="Result folder; results/SCENE if not given."),
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="Result folder, results/SCENE if not given; new, empty, or of an earlier run, which is replaced.",
+    ),
 ]
 SetOption = Annotated[
     Optional[list[str]],  # noqa: UP045

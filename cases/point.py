@@ -73,12 +73,9 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
         screen.progress(loaded.name, total) as advance,
         record.phase("path"),
     ):
-        done = 0
 
-        def on_step(*_: object) -> None:
-            nonlocal done
-            done += 1
-            advance(done, f"step {done} of {total}")
+        def on_step(done: int, of: int) -> None:
+            advance(done, f"step {done} of {of}")
 
         try:
             history = drive(law, scene.initial.stress, legs, on_step=on_step, stop=stop)
