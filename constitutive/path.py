@@ -1,0 +1,264 @@
+"""One point driven along a path of stress, strain or both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from .contract import STATUS_TEXT, Array, Status
+from .law import ContactLaw
+from .parameters import ParameterError
+
+Control = Literal["stress", "strain"]
+
+POINT_COLUMNS = (
+    "step",
+    "strain_xx",
+    "strain_yy",
+    "strain_xy",
+    "stress_xx",
+    "stress_yy",
+    "stress_xy",
+    "p",
+    "q",
+    "coordination",
+    "fabric_anisotropy",
+    "normal_force_anisotropy",
+    "tangential_force_anisotropy",
+    "mean_normal_force",
+    "coordination_gained",
+    "coordination_lost",
+    "fabric_gained",
+    "fabric_lost",
+    "substeps",
+    "rejected_substeps",
+    "limited",
+    "fabric_anisotropy_1",
+    "fabric_anisotropy_2",
+    "normal_force_anisotropy_1",
+    "normal_force_anisotropy_2",
+    "tangential_force_anisotropy_1",
+    "tangential_force_anisotropy_2",
+)
+"""Columns of a point's history. Stress and p, q in Pa, tension positive but p; `strain_xy` is the engineering shear."""
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A piece of a path: straight in the controlled components, or a rotation of the stress deviator.
+
+    Parameters
+    ----------
+    control : tuple of three of {"stress", "strain"}
+        What is prescribed of xx, yy, xy.
+    target : tuple of 3 floats
+        Stress [Pa] or total strain [-] (engineering shear) at the end of the leg, tension positive.
+    increments : int
+        Equal increments.
+    rotation_degrees : float, optional
+        Instead of control and target: turn the principal axes of stress by this angle (counter-clockwise) at constant
+        p and q, under stress control.
+    """
+
+    control: tuple[Control, Control, Control] = ("stress", "stress", "stress")
+    target: tuple[float, float, float] | None = None
+    increments: int = 1
+    rotation_degrees: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.increments < 1:
+            raise ParameterError(f"path.increments = {self.increments!r} is not a positive integer")
+        if (self.target is None) == (self.rotation_degrees is None):
+            raise ParameterError("a leg of a path needs either target (with control) or rotation_degrees, not both")
+        if len(self.control) != 3 or any(entry not in ("stress", "strain") for entry in self.control):
+            raise ParameterError(f"path.control = {self.control!r} is not three of 'stress', 'strain'")
+        if self.target is not None and (len(self.target) != 3 or not np.all(np.isfinite(self.target))):
+            raise ParameterError(f"path.target = {self.target!r} is not three finite numbers")
+        if self.rotation_degrees is not None and not np.isfinite(self.rotation_degrees):
+            raise ParameterError(f"path.rotation_degrees = {self.rotation_degrees!r} is not finite")
+
+
+@dataclass
+class PathHistory:
+    """What a point went through.
+
+    Parameters
+    ----------
+    columns : dict of ndarray
+        One entry for each of `POINT_COLUMNS`, one row a step, the start included.
+    finished : bool
+        Whether the path was followed to its end.
+    message : str
+        Why not, if so.
+    stress, state, strain : ndarray
+        At the last step reached.
+    """
+
+    columns: dict[str, np.ndarray]
+    finished: bool
+    message: str
+    stress: Array
+    state: Array
+    strain: Array
+
+
+class _Recorder:
+    """Rows of the history of one point."""
+
+    def __init__(self, law: ContactLaw, stress: Array, state: Array) -> None:
+        self.law = law
+        self.rows: list[list[float]] = []
+        self.force0 = float(state[0, law.description.columns("mean_normal_force")][0])
+        # magnitudes carry the sign of their component along the initial major stress, or along x without one
+        deviator = -0.5 * (stress[0, 0] - stress[0, 1]), -stress[0, 2]
+        size = float(np.hypot(*deviator))
+        pressure = -0.5 * (stress[0, 0] + stress[0, 1])
+        self.axis = np.array(deviator) / size if size > 1e-12 * abs(pressure) else None
+
+    def _vector(self, state: Array, name: str) -> Array:
+        value = np.zeros(2)
+        if self.law.description.has_state(name):
+            columns = self.law.description.columns(name)
+            part = state[0, columns]
+            value[: part.size] = part
+        return value
+
+    def _scalar(self, state: Array, name: str) -> float:
+        if not self.law.description.has_state(name):
+            return 0.0
+        return float(state[0, self.law.description.columns(name)][0])
+
+    def _signed(self, vector: Array) -> float:
+        along = vector[0] if self.axis is None else float(vector @ self.axis)
+        return float(np.copysign(np.hypot(*vector), along))
+
+    def add(self, stress: Array, state: Array, strain: Array, substeps: int, rejected: int, limited: bool) -> None:
+        """Append one row."""
+        s = stress[0]
+        p = -0.5 * (s[0] + s[1])
+        q = float(np.hypot(0.5 * (s[0] - s[1]), s[2]))
+        if self.axis is None and q > 1e-9 * abs(p):
+            # an isotropic start has no major direction: the first deviator that appears takes its place
+            self.axis = np.array([-0.5 * (s[0] - s[1]), -s[2]]) / q
+        names = ("fabric_anisotropy", "normal_force_anisotropy", "tangential_force_anisotropy")
+        vectors = [self._vector(state, name) for name in names]
+        self.rows.append(
+            [
+                float(len(self.rows)),
+                *strain[0],
+                *s,
+                p,
+                q,
+                self._scalar(state, "coordination"),
+                *(self._signed(vector) for vector in vectors),
+                self._scalar(state, "mean_normal_force") / self.force0,
+                self._scalar(state, "coordination_gained"),
+                self._scalar(state, "coordination_lost"),
+                self._signed(self._vector(state, "fabric_gained")),
+                self._signed(self._vector(state, "fabric_lost")),
+                float(substeps),
+                float(rejected),
+                float(limited),
+                *(component for vector in vectors for component in vector),
+            ]
+        )
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """The history by column."""
+        table = np.array(self.rows)
+        integers = {"step", "substeps", "rejected_substeps", "limited"}
+        return {
+            name: table[:, index].astype(np.int64) if name in integers else table[:, index]
+            for index, name in enumerate(POINT_COLUMNS)
+        }
+
+
+def _increments(leg: Leg, stress: Array, strain: Array) -> tuple[np.ndarray, Array]:
+    """Control codes (3,) and the end values (increments, 3) of the controlled components of each increment."""
+    fractions = np.arange(1, leg.increments + 1)[:, None] / leg.increments
+    if leg.rotation_degrees is not None:
+        mean = 0.5 * (stress[0, 0] + stress[0, 1])
+        half, shear = 0.5 * (stress[0, 0] - stress[0, 1]), stress[0, 2]
+        angle = 2.0 * np.deg2rad(leg.rotation_degrees) * fractions[:, 0]
+        turned_half = half * np.cos(angle) - shear * np.sin(angle)
+        turned_shear = half * np.sin(angle) + shear * np.cos(angle)
+        return np.ones(3, dtype=np.uint8), np.stack([mean + turned_half, mean - turned_half, turned_shear], axis=1)
+    control = np.array([entry == "stress" for entry in leg.control], dtype=np.uint8)
+    start = np.where(control == 1, stress[0], strain[0])
+    return control, start + fractions * (np.array(leg.target) - start)
+
+
+def drive(
+    law: ContactLaw,
+    initial_stress: Sequence[float],
+    legs: Sequence[Leg],
+    on_step: Callable[[int, int], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+    state: Array | None = None,
+) -> PathHistory:
+    """Drive one point along a path.
+
+    Parameters
+    ----------
+    law : ContactLaw
+    initial_stress : sequence of 3 floats
+        xx, yy, xy [Pa], tension positive.
+    legs : sequence of Leg
+    on_step : callable, optional
+        Called with the number of finished and of all increments.
+    stop : callable, optional
+        Asked before each increment; True ends the path there.
+    state : ndarray, shape (1, nstate), optional
+        Initial state, if not the law's own for this stress.
+
+    Returns
+    -------
+    PathHistory
+        Also when a point fails on the way: then with what was reached and the reason.
+    """
+    stress = np.array([initial_stress], dtype=np.float64)
+    state = law.initial_state(stress) if state is None else state.copy()
+    strain = np.zeros((1, 3))
+    if not -0.5 * (stress[0, 0] + stress[0, 1]) > 0.0:
+        raise ParameterError(
+            f"initial.stress = {list(initial_stress)!r} is not compressive: grains need a positive mean pressure "
+            "p = -(s_xx + s_yy)/2 (tension is positive)"
+        )
+    recorder = _Recorder(law, stress, state)
+    recorder.add(stress, state, strain, 0, 0, False)
+    stress_end, state_end, strain_increment = np.zeros_like(stress), np.zeros_like(state), np.zeros((1, 3))
+    total, done = sum(leg.increments for leg in legs), 0
+
+    def history(finished: bool, message: str) -> PathHistory:
+        return PathHistory(recorder.columns(), finished, message, stress, state, strain)
+
+    for number, leg in enumerate(legs):
+        control, ends = _increments(leg, stress, strain)
+        for end in ends:
+            if stop is not None and stop():
+                return history(False, f"stopped after {done} of {total} increments")
+            increment = end - np.where(control == 1, stress[0], strain[0])
+            report = law.update_mixed(
+                control[None, :], increment[None, :], stress, state, stress_end, state_end, strain_increment
+            )
+            if report.failed:
+                return history(
+                    False,
+                    f"leg {number + 1}, increment {done + 1} of {total}: {STATUS_TEXT[Status(int(report.status[0]))]}",
+                )
+            # prescribed components are set, so that rounding does not add up over the path
+            strain = strain + strain_increment
+            strain[0] = np.where(control == 1, strain[0], end)
+            stress, stress_end = stress_end, stress
+            stress[0] = np.where(control == 1, end, stress[0])
+            state, state_end = state_end, state
+            done += 1
+            recorder.add(
+                stress, state, strain, int(report.substeps[0]), int(report.rejected[0]), report.limited > 0
+            )
+            if on_step is not None:
+                on_step(done, total)
+    return history(True, f"followed to its end in {done} increments")
