@@ -32,6 +32,8 @@ class Equilibrium:
         At the last commit [m], [N/m].
     internal_trial : ndarray, shape (ndofs,)
         At the last trial.
+    force_scale : float
+        Largest norm of internal or external nodal forces at the commits of the current stage and at its start [N/m].
     free, constrained : ndarray of int
         Set by `constrain`.
     """
@@ -61,6 +63,7 @@ class Equilibrium:
         self._direct = make_solver(control.linear_solver)
         self._solver = TangentSolver(self._direct, accounting, control.keep_factor)
         self._tangent_matrix: TangentAssembler | None = None
+        self.force_scale = 0.0
         self.refresh_internal_force()
 
     @property
@@ -88,7 +91,7 @@ class Equilibrium:
         """Whether a predicted residual is above what counts as equilibrium."""
         if not len(self.free):
             return False
-        scale = max(float(np.linalg.norm(self.internal_force)), float(np.linalg.norm(external)))
+        scale = max(self.force_scale, float(np.linalg.norm(external)))
         allowed = max(self.control.tolerance * scale, self.control.absolute_tolerance)
         return float(np.linalg.norm(right_hand_side)) > allowed
 
@@ -126,9 +129,19 @@ class Equilibrium:
         self.accounting.newton_iterations += 1
         return self._solver.solve(operator, matrix, right_hand_side, tolerance, guess)
 
-    def commit(self, displacement: Array) -> None:
-        """Accept the last trial."""
+    def start_scale(self, external: Array) -> None:
+        """Begin a new stage: forget the force scale of the last one."""
+        self.force_scale = 0.0
+        self._raise_scale(external)
+
+    def _raise_scale(self, external: Array) -> None:
+        now = max(float(np.linalg.norm(self.internal_force)), float(np.linalg.norm(external)))
+        self.force_scale = max(self.force_scale, now)
+
+    def commit(self, displacement: Array, external: Array) -> None:
+        """Accept the last trial, in equilibrium with the given external forces."""
         self.material.commit()
         with self.accounting.phase("state"):
             self.displacement[:] = displacement
             self.internal_force, self.internal_trial = self.internal_trial, self.internal_force
+            self._raise_scale(external)

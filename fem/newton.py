@@ -91,7 +91,9 @@ def _evaluate(system: Equilibrium, displacement: Array, external: Array) -> tupl
         system.forces.internal_force(system.material.stress_end, system.internal_trial)
         residual = external[system.free] - system.internal_trial[system.free]
         norm = float(np.linalg.norm(residual))
-        scale = max(float(np.linalg.norm(system.internal_trial)), float(np.linalg.norm(external)))
+        scale = max(
+            system.force_scale, float(np.linalg.norm(system.internal_trial)), float(np.linalg.norm(external))
+        )
         rounding = np.finfo(np.float64).eps * float(np.linalg.norm(system.forces.magnitude))
         floor = max(system.control.absolute_tolerance, ROUNDING_MULTIPLE * rounding)
     if not np.isfinite(norm):
@@ -103,8 +105,9 @@ def newton_step(system: Equilibrium, prescribed: Array, external: Array, guess: 
     """Find equilibrium at the end of a load step.
 
     The step has converged when the Euclidean norm of the residual on the free degrees of freedom is at most
-    ``tolerance`` times the larger of the norms of internal (reactions included) and external nodal forces, or below an
-    absolute floor: ``absolute_tolerance`` or a small multiple of the rounding error of the nodal sums.
+    ``tolerance`` times the force scale, or below an absolute floor: ``absolute_tolerance`` or a small multiple of the
+    rounding error of the nodal sums. The force scale is the largest norm of internal (reactions included) or external
+    nodal forces, now or at an earlier step of the stage, so that loads may fade to zero.
 
     Parameters
     ----------

@@ -89,15 +89,17 @@ def _enlarged_patch(
         around = np.unique(incidence[:, cells].tocoo().row)
         cells = np.unique(incidence[around].indices)
         points = np.sort((cells[:, None].astype(np.int64) * nq + np.arange(nq)).ravel())
-        offset = space.points[points] - space.nodes[vertex]
-        offset /= np.sqrt(np.mean(np.sum(offset**2, axis=1)))
-        terms = np.column_stack([np.ones(len(points)), offset])
-        root = np.sqrt(space.weights[points] / space.weights[points].sum())
-        scaled = terms * root[:, None]
-        if np.linalg.eigvalsh(scaled.T @ scaled)[0] > _SMALLEST_SPREAD:
+        share = space.weights[points] / space.weights[points].sum()
+        centre = share @ space.points[points]
+        root = np.sqrt(share)
+        scaled = (space.points[points] - centre) * root[:, None]
+        spread = np.linalg.eigvalsh(scaled.T @ scaled)
+        if spread[0] > _SMALLEST_SPREAD * spread[1]:
             break
-    # The pseudo-inverse: exact if the patch determines a linear field, the mean if there is but one point.
-    return points, np.linalg.pinv(scaled, rcond=1e-8)[0] * root
+    # Mean plus slope; the pseudo-inverse leaves out a slope that the points do not determine.
+    gradient = np.linalg.pinv(scaled, rcond=1e-8) * root
+    gradient -= np.outer(gradient.sum(axis=1), share)
+    return points, share + (space.nodes[vertex] - centre) @ gradient
 
 
 def _vertices_to_nodes(space: Space, nvertices: int) -> csr_matrix:

@@ -85,11 +85,11 @@ class Space:
         self.element_nodes = np.ascontiguousarray(basis.element_dofs.T.astype(np.int32))
         fields = [basis.basis[i][0] for i in range(basis.Nbfun)]
         self.points_per_cell = int(basis.X.shape[1])
-        self.points = _point_major(basis.global_coordinates().value)
+        self.points = _point_major(np.asarray(basis.global_coordinates()))
         self.weights = np.ascontiguousarray(basis.dx.reshape(-1))
         gradients = np.stack([_point_major(field.grad) for field in fields], axis=1)
         self.gradients = np.ascontiguousarray(gradients)
-        self.shape_values = np.stack([np.broadcast_to(field.value, basis.dx.shape)[0] for field in fields], axis=1)
+        self.shape_values = np.stack([np.broadcast_to(np.asarray(field), basis.dx.shape)[0] for field in fields], axis=1)
         self.point_cell = np.repeat(np.arange(self.nelements, dtype=np.int32), self.points_per_cell)
 
     @property
@@ -184,11 +184,11 @@ class Space:
         basis = skfem.FacetBasis(
             self.host_mesh.mesh, self._scalar_element, facets=facets, intorder=2 * self.order + 1
         )
-        place = _point_major(basis.global_coordinates().value)
-        normal = _point_major(np.broadcast_to(basis.normals.value, (2, *basis.dx.shape)))
+        place = _point_major(np.asarray(basis.global_coordinates()))
+        normal = _point_major(np.broadcast_to(np.asarray(basis.normals), (2, *basis.dx.shape)))
         value = np.asarray(traction(place[:, 0], place[:, 1], normal[:, 0], normal[:, 1]), dtype=np.float64)
         value = value.reshape(*basis.dx.shape, 2) * basis.dx[:, :, None]
-        shapes = np.stack([np.broadcast_to(basis.basis[i][0].value, basis.dx.shape) for i in range(basis.Nbfun)])
+        shapes = np.stack([np.broadcast_to(np.asarray(basis.basis[i][0]), basis.dx.shape) for i in range(basis.Nbfun)])
         local = np.einsum("bfq,fqk->fbk", shapes, value)
         return self._scatter(basis.element_dofs.T, local)
 

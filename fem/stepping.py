@@ -163,6 +163,7 @@ class _Run:
         with self._accounting.phase("setup"):
             system.constrain(terms.constrained)
             start = self._start_stage(index, terms) if resume is None else resume.stage_start
+        system.start_scale(self._reference + self._force_start(index, terms) + start.fading)
         target = np.where(np.isnan(terms.target), start.displacement[terms.constrained], terms.target)
         force_start = self._force_start(index, terms)
         fraction = 0.0 if resume is None else resume.fraction
@@ -198,7 +199,7 @@ class _Run:
                 continue
             last_correction = (outcome.displacement - system.displacement)[system.free]
             last_increment = tried
-            system.commit(outcome.displacement)
+            system.commit(outcome.displacement, external)
             fraction = end
             self._step += 1
             self._accounting.steps += 1
