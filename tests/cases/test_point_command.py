@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from cases import files
 from cases.screen import Screen
@@ -97,7 +98,41 @@ def test_isotropic_loading_gains_and_unloading_loses_by_their_closed_forms(
     np.testing.assert_allclose(columns["fabric_anisotropy"], 0.0, atol=1e-12)
 
 
-def test_rotation_brings_the_stress_back_and_loses_contacts_steadily(granfabric: Callable, tmp_path: Path) -> None:
+def _network_rates(z: float, fabric: np.ndarray, p: float, s: np.ndarray, dlnp: float, ds: np.ndarray) -> tuple:
+    """Rates of z and a_c, coded once more: mean over 4000 directions, material of the shipped point scenes."""
+    angle = (np.arange(4000) + 0.5) * 2 * np.pi / 4000  # twice the direction
+    e = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    change = dlnp + e @ (s * dlnp + 2 * ds)  # a_n = s as c_n = 1
+    weight = 1 + e @ fabric
+    lost = 0.5 * weight * np.maximum(-change, 0) / (1 + e @ s)
+    gained = (6 - z) / z * 3.0 * weight * np.maximum(change, 0) * np.pi * p / (z * 0.846 * 1e9)
+    dz = z * (gained - lost).mean()
+    return dz, 2 * ((gained - lost)[:, None] * e).mean(axis=0) - fabric * dz / z
+
+
+def _follow(start: np.ndarray, ratio: Callable, rate: Callable, ends: list[float]) -> np.ndarray:
+    """z and a_c at the given times of a path at constant p = 100 kPa, stress ratio vector as function of time."""
+
+    def slope(t: float, y: np.ndarray) -> list[float]:
+        dz, da = _network_rates(y[0], y[1:], 1e5, ratio(t), 0.0, rate(t))
+        return [dz, *da]
+
+    return solve_ivp(slope, (0, ends[-1]), start, method="DOP853", rtol=1e-8, atol=1e-10, t_eval=ends).y.T
+
+
+def test_a_loop_at_constant_pressure_against_an_independent_integration(granfabric: Callable, tmp_path: Path) -> None:
+    assert granfabric("point", "unload_reload", "-o", tmp_path, *NO_PICTURES).code == 0
+    columns = history(tmp_path)
+    state = np.array([4.06, 0.0, 0.0])
+    for row, begin, end in ((20, 0.0, 0.2), (40, 0.2, 0.0), (60, 0.0, 0.2)):
+        step = np.array([begin - end, 0.0])
+        state = _follow(state, lambda t: np.array([-begin, 0.0]) + t * step, lambda t: step, [1.0])[0]  # noqa: B023
+        np.testing.assert_allclose(columns["coordination"][row], state[0], rtol=0, atol=5e-5)
+        np.testing.assert_allclose(columns["fabric_anisotropy"][row], -state[1], rtol=0, atol=5e-5)
+    np.testing.assert_allclose(state, [3.3447, -0.1225, 0.0], atol=5e-5)  # as the scene tells
+
+
+def test_rotation_against_an_independent_integration(granfabric: Callable, tmp_path: Path) -> None:
     assert granfabric("point", "axes_rotation", "-o", tmp_path, *NO_PICTURES).code == 0
     columns = history(tmp_path)
     turn = slice(20, None)
@@ -105,17 +140,43 @@ def test_rotation_brings_the_stress_back_and_loses_contacts_steadily(granfabric:
     np.testing.assert_allclose(columns["q"][turn], 20e3, rtol=1e-9)
     for name, value in (("stress_xx", -80e3), ("stress_yy", -120e3)):
         np.testing.assert_allclose(columns[name][[20, -1]], value, rtol=1e-9)
-    assert (np.diff(columns["coordination"][turn]) < 0).all()
+
+    def ratio(t: float) -> np.ndarray:
+        return -0.2 * np.array([np.cos(2 * np.pi * t), np.sin(2 * np.pi * t)])
+
+    def rate(t: float) -> np.ndarray:
+        return -0.4 * np.pi * np.array([-np.sin(2 * np.pi * t), np.cos(2 * np.pi * t)])
+
+    start = [columns[name][20] for name in ("coordination", "fabric_anisotropy_1", "fabric_anisotropy_2")]
+    expected = _follow(np.array(start), ratio, rate, [0.25, 0.5, 0.75, 1.0])
+    np.testing.assert_allclose(expected[:, 0], [3.4336, 3.0994, 2.7996, 2.5319], atol=2e-4)  # as the scene tells
+    rows = [65, 110, 155, 200]
+    # The path goes along chords of one degree, shorter than the arc by 5e-5; z changes by 1.3.
+    np.testing.assert_allclose(columns["coordination"][rows], expected[:, 0], rtol=0, atol=3e-4)
+    for place, name in ((1, "fabric_anisotropy_1"), (2, "fabric_anisotropy_2")):
+        np.testing.assert_allclose(columns[name][rows], expected[:, place], rtol=0, atol=3e-4)
 
 
-def test_simple_shear_prescribes_strain(granfabric: Callable, tmp_path: Path) -> None:
+def test_simple_shear_against_an_independent_integration(granfabric: Callable, tmp_path: Path) -> None:
     assert granfabric("point", "simple_shear", "-o", tmp_path, *NO_PICTURES).code == 0
     columns = history(tmp_path)
     np.testing.assert_allclose(columns["strain_xy"], np.linspace(0.0, 5e-5, 51), rtol=1e-12, atol=1e-18)
     np.testing.assert_allclose(columns["strain_xx"], 0.0, atol=1e-18)
-    # At the start the shear modulus is z phi (kn + kt)/(4 pi) [uniform strain].
-    modulus = 4.06 * 0.846 * 2e9 / (4 * np.pi)
-    np.testing.assert_allclose(columns["stress_xy"][1], modulus * 1e-6, rtol=1e-2)
+
+    def slope(t: float, y: np.ndarray) -> list[float]:
+        z, _, a2, p, shear = y
+        scale = 2 * z * 0.846 / np.pi * 1e9 * 5e-5  # uniform-strain stiffness, kt = kn
+        dp, dshear = -scale * a2 / 8, scale / 4
+        ds = np.array([0.0, -(dshear / p - shear * dp / p**2)])
+        dz, da = _network_rates(z, y[1:3], p, np.array([0.0, -shear / p]), dp / p, ds)
+        return [dz, *da, dp, dshear]
+
+    y = solve_ivp(slope, (0, 1), [4.06, 0, 0, 1e5, 0], method="DOP853", rtol=1e-9, atol=1e-11).y[:, -1]
+    np.testing.assert_allclose(columns["coordination"][-1], y[0], rtol=2e-5)
+    np.testing.assert_allclose(columns["fabric_anisotropy_2"][-1], y[2], rtol=0, atol=2e-5)
+    np.testing.assert_allclose(columns["p"][-1], y[3], rtol=2e-5)
+    np.testing.assert_allclose(columns["stress_xy"][-1], y[4], rtol=2e-5)
+    np.testing.assert_allclose(y[[0, 2]], [3.7285, -0.1411], atol=5e-5)  # as the scene tells
 
 
 def test_the_scene_as_resolved_gives_the_same_run(granfabric: Callable, tmp_path: Path) -> None:
