@@ -27,6 +27,9 @@ from .space import Space
 Array = NDArray[np.float64]
 Key = tuple[Any, ...]
 
+# Two prescribed displacements of one node are the same if they differ by less than this fraction of the largest one.
+SAME_DISPLACEMENT = 1e-9
+
 
 @dataclass(frozen=True)
 class StageTerms:
@@ -162,6 +165,8 @@ def _merge(
 
     A degree of freedom of unknown position (free until now) may not be both held and displaced.
     """
+    size = max([0.0, *(np.nanmax(np.abs(held.values), initial=0.0) for held in constraints.values())])
+    allowed = SAME_DISPLACEMENT * max(size, float(np.nanmax(np.abs(known), initial=0.0)))
     owner: dict[int, tuple[float, float, str]] = {}
     for constraint in constraints.values():
         for dof, value in zip(constraint.dofs.tolist(), constraint.values.tolist()):
@@ -171,7 +176,7 @@ def _merge(
                 continue
             other_value, other_end, label = owner[dof]
             same_hold = np.isnan(value) and np.isnan(other_value)
-            if not same_hold and not abs(end - other_end) <= 1e-12 * max(abs(end), abs(other_end)):
+            if not same_hold and not abs(end - other_end) <= allowed:
                 x, y = space.nodes[dof // 2]
                 raise LoadError(
                     f"stage {stage.name!r}: the node at ({x:.6g}, {y:.6g}) is told two displacements of component "

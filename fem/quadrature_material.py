@@ -59,8 +59,8 @@ class QuadratureMaterial:
         self.report: UpdateReport | None = None
         self.committed_report: UpdateReport | None = None
 
-    def initial_tangent(self, kind: TangentKind) -> UpdateReport:
-        """Ask for the tangent by a zero increment; it becomes `tangent_start`."""
+    def still_tangent(self, kind: TangentKind) -> UpdateReport:
+        """Ask for the tangent of the committed state by a zero increment; it becomes `tangent_start`."""
         self._increment[:] = 0.0
         report = self._call(self.tangent_start, kind)
         self.committed_report = report

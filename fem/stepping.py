@@ -91,9 +91,6 @@ class _Run:
         if resume is not None:
             first = self._restore(resume)
         try:
-            report = self._system.material.initial_tangent(self._control.tangent_kind)
-            if report.failed:
-                return self._summary(False, f"the initial state has no tangent: {report.message}", first, 0.0)
             for index in range(first, len(self._problem.stages)):
                 fraction, message = self._stage(index, resume if index == first else None)
                 if message:
@@ -162,6 +159,11 @@ class _Run:
         nominal = 1.0 / terms.stage.increments
         with self._accounting.phase("setup"):
             system.constrain(terms.constrained)
+        # A new stage turns the direction of loading, for which the last converged tangent is a bad guide.
+        report = system.material.still_tangent(control.tangent_kind)
+        if report.failed:
+            return 0.0, f"stage {terms.stage.name!r} starts from a state without a tangent: {report.message}"
+        with self._accounting.phase("setup"):
             start = self._start_stage(index, terms) if resume is None else resume.stage_start
         system.start_scale(self._reference + self._force_start(index, terms) + start.fading)
         target = np.where(np.isnan(terms.target), start.displacement[terms.constrained], terms.target)
@@ -189,7 +191,9 @@ class _Run:
                 self._accounting.cuts += 1
                 cuts += 1
                 self._note_failure(outcome)
+                last_correction = None
                 logger.info("stage %s at %.6g: %s", terms.stage.name, end, outcome.reason)
+                system.material.still_tangent(control.tangent_kind)
                 increment = tried * min(max(outcome.proposed_factor, SMALLEST_PROPOSAL), control.cut)
                 if increment < control.smallest_factor * nominal:
                     return fraction, (

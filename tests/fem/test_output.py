@@ -1,0 +1,142 @@
+"""Files for ParaView, read back with VTK's own reader."""
+
+from __future__ import annotations
+
+import os
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from fem_meshes import ELEMENTS, PLASTIC, distorted, nodal, run
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonDataModel import VTK_BIQUADRATIC_QUAD, VTK_QUAD, VTK_QUADRATIC_TRIANGLE, VTK_TRIANGLE
+from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
+from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+from constitutive.contract import LawDescription, Variable
+from fem.loads import Displacement, Fixed, Stage
+from fem.output import FieldWriter, OutputError, padded_tensor, point_fields
+from fem.space import Space
+
+PRESS = [Fixed("bottom"), Displacement("top", "y", -0.01)]
+VTK_CELLS = {"P1": VTK_TRIANGLE, "P2": VTK_QUADRATIC_TRIANGLE, "Q1": VTK_QUAD, "Q2": VTK_BIQUADRATIC_QUAD}
+
+
+def read(path):
+    reader = vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    assert reader.GetErrorCode() == 0
+    return reader.GetOutput()
+
+
+def array(grid, name):
+    found = grid.GetPointData().GetArray(name)
+    assert found is not None, name
+    return vtk_to_numpy(found)
+
+
+def series(path):
+    return [(float(e.attrib["timestep"]), e.attrib["file"]) for e in ElementTree.parse(path).getroot().iter("DataSet")]
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_every_file_of_both_series_reads_back(element, tmp_path):
+    space = Space(distorted(element), element)
+    steps, _ = run(space, PLASTIC, [Stage("press", PRESS, 2)])
+    writer = FieldWriter(tmp_path / "new" / "folder", space, PLASTIC.description)
+    for step in steps:
+        writer.write(step, step.fraction)
+        # What a series names is complete after each step.
+        for name in ("result", "points"):
+            for _, file in series(writer.folder / f"{name}.pvd"):
+                assert read(writer.folder / file).GetNumberOfPoints() > 0
+    assert [time for time, _ in series(writer.folder / "result.pvd")] == [0.5, 1.0]
+    for (_, fields), (_, points), step in zip(
+        series(writer.folder / "result.pvd"), series(writer.folder / "points.pvd"), steps
+    ):
+        grid = read(writer.folder / fields)
+        assert grid.GetNumberOfPoints() == space.nnodes and grid.GetNumberOfCells() == space.nelements
+        assert grid.GetCellType(0) == VTK_CELLS[element]
+        displacement = array(grid, "displacement")
+        assert displacement.shape == (space.nnodes, 3)
+        np.testing.assert_array_equal(displacement[:, :2], nodal(step))
+        assert array(grid, "stress").shape == (space.nnodes, 9)
+        size = vtkCellSizeFilter()
+        size.SetInputData(grid)
+        size.Update()
+        area = vtk_to_numpy(size.GetOutput().GetCellData().GetArray("Area"))
+        assert (area > 0).all() and area.sum() == pytest.approx(2.0, rel=1e-10)
+        cloud = read(writer.folder / points)
+        assert cloud.GetNumberOfPoints() == space.npoints
+        stress = array(cloud, "stress")
+        np.testing.assert_array_equal(stress[:, [0, 4, 1, 3]], step.stress[:, [0, 1, 2, 2]])
+        np.testing.assert_array_equal(stress[:, 8], step.state[:, 0])  # out-of-plane stress
+        np.testing.assert_array_equal(array(cloud, "strain")[:, 1], 0.5 * step.strain[:, 2])
+        np.testing.assert_array_equal(array(cloud, "plastic_strain"), step.state[:, 1])
+        np.testing.assert_array_equal(array(cloud, "status"), 0)
+        assert array(cloud, "displacement").shape == (space.npoints, 3)
+    assert not [name for name in os.listdir(writer.folder) if name.startswith(".")]
+
+
+def test_midside_nodes_lie_in_the_middle_of_vtk_sides(tmp_path):
+    for element in ("P2", "Q2"):
+        space = Space(distorted(element), element)
+        steps, _ = run(space, PLASTIC, [Stage("press", PRESS)])
+        writer = FieldWriter(tmp_path / element, space, PLASTIC.description)
+        writer.write(steps[0], 1.0)
+        grid = read(writer.folder / "result_0001.vtu")
+        corners = 3 if element == "P2" else 4
+        for number in range(grid.GetNumberOfCells()):
+            cell = grid.GetCell(number)
+            place = np.array([cell.GetPoints().GetPoint(i)[:2] for i in range(cell.GetNumberOfPoints())])
+            for side in range(corners):
+                middle = (place[side] + place[(side + 1) % corners]) / 2
+                np.testing.assert_allclose(place[corners + side], middle, atol=1e-14)
+
+
+def test_state_of_vectors_and_tensors_is_padded_by_description():
+    class Record:
+        stress = np.ones((2, 3))
+        strain = np.ones((2, 3))
+        state = np.arange(12.0).reshape(2, 6)
+
+    law = LawDescription("made up", (Variable("a", ""), Variable("b", "", components=2), Variable("c", "", components=3)), ())
+    fields = point_fields(Record, law)
+    assert set(fields) == {"stress", "strain", "a", "b", "c"}
+    np.testing.assert_array_equal(fields["a"], [0.0, 6.0])
+    np.testing.assert_array_equal(fields["b"], [[1.0, 2.0, 0.0], [7.0, 8.0, 0.0]])
+    np.testing.assert_array_equal(fields["c"][0], [3, 5, 0, 5, 4, 0, 0, 0, 0])
+    np.testing.assert_array_equal(padded_tensor(np.array([[1.0, 2.0, 4.0]]), 0.5)[0], [1, 2, 0, 2, 2, 0, 0, 0, 0])
+
+
+def test_going_on_keeps_the_series_up_to_a_time(tmp_path):
+    space = Space(distorted("P1"), "P1")
+    steps, _ = run(space, PLASTIC, [Stage("press", PRESS, 4)])
+    writer = FieldWriter(tmp_path, space, PLASTIC.description)
+    for step in steps[:3]:
+        writer.write(step, step.fraction)
+    again = FieldWriter(tmp_path, space, PLASTIC.description, keep_until=0.5)
+    again.write(steps[2], 0.75)
+    again.write(steps[3], 1.0)
+    assert [time for time, _ in series(tmp_path / "result.pvd")] == [0.25, 0.5, 0.75, 1.0]
+    fresh = FieldWriter(tmp_path, space, PLASTIC.description)
+    fresh.write(steps[0], 0.25)
+    assert len(series(tmp_path / "points.pvd")) == 1
+
+
+def test_folder_that_cannot_be_written_is_one_sentence(tmp_path):
+    space = Space(distorted("P1"), "P1")
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(OutputError, match="output folder .* cannot be written"):
+        FieldWriter(blocked / "inside", space, PLASTIC.description)
+
+
+def test_extra_fields_are_written_to_both_series(tmp_path):
+    space = Space(distorted("P2"), "P2")
+    steps, _ = run(space, PLASTIC, [Stage("press", PRESS)])
+    writer = FieldWriter(tmp_path, space, PLASTIC.description)
+    writer.write(steps[0], 1.0, {"height": space.points[:, 1]})
+    np.testing.assert_allclose(array(read(tmp_path / "result_0001.vtu"), "height"), space.nodes[:, 1], atol=1e-11)
+    np.testing.assert_array_equal(array(read(tmp_path / "points_0001.vtu"), "height"), space.points[:, 1])
