@@ -8,6 +8,7 @@ from math import cos, sin
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_ref.distribution import force_distribution
 from dem_ref.events import NetworkChange, match_contacts, network_change
 from dem_ref.measure import Contacts, contacts_of, force_harmonics, love_weber_stress
 from dem_ref.motion import Motion
@@ -24,7 +25,7 @@ from dem_ref.servo import (
 ELASTIC_PROBE = 2.0e-3
 PROBE_LIMITS = RateLimits(inertial_number=3.0e-6, unbalanced_force=1.0e-4)
 ELASTIC_LIMITS = RateLimits(inertial_number=1.0e-6, unbalanced_force=1.0e-5, lag=1.0e-3)
-WEAK_FORCE = 0.25
+WEAK_FORCE = 0.15  # of the mean normal force
 
 
 class ProbeError(RuntimeError):
@@ -114,11 +115,11 @@ class WeakContacts:
     Attributes
     ----------
     ratio : float
-        chi: regression of their change on the mean change of their direction, shear probes.
+        chi: their change over the mean change of their direction, in the limit of zero force; shear probes.
     ratio_isotropic : float
         chi_p: the same for isotropic probes.
     scatter : float
-        c_e: standard deviation about that regression over the amplitude ``chi |w|`` of the shifted harmonic.
+        c_e: standard deviation about that over the amplitude ``chi |w|`` of the shifted harmonic.
     """
 
     ratio: float
@@ -163,7 +164,8 @@ def measure_elasticity(sample: Sample, size: float = ELASTIC_PROBE) -> tuple[Ela
     """Moduli and the response of weak contacts from probes of ``size * p`` (isotropic up and down, shear twice).
 
     The change of normal force of each persisting contact is divided by the mean normal force f. Its mean over direction
-    is fitted by harmonics ``m0 + m . e`` over all contacts; weak contacts are those below a quarter of f.
+    is fitted by harmonics ``m0 + m . e`` over all contacts. The ratio of a contact's change to that mean grows with its
+    force; a straight line in the force over the contacts below `WEAK_FORCE` gives its limit at zero force.
     """
     isotropic, shear = _elastic_probes(sample, size)
     contacts = contacts_of(sample)
@@ -175,18 +177,27 @@ def measure_elasticity(sample: Sample, size: float = ELASTIC_PROBE) -> tuple[Ela
     ratios, scatters, ratios_isotropic = [], [], []
     for probe in isotropic:
         change, force, _ = _force_change(probe)
-        weak = force < WEAK_FORCE
-        ratios_isotropic.append(float(change[weak].mean() / change.mean()))
+        ratios_isotropic.append(_ratio_at_zero(change, np.full(len(change), change.mean()), force)[0])
     for probe in shear:
         change, force, e = _force_change(probe)
         basis = np.column_stack([np.ones(len(change)), e])
         mean = basis @ np.linalg.lstsq(basis, change, rcond=None)[0]
-        weak = force < WEAK_FORCE
-        ratio = float(change[weak] @ mean[weak] / (mean[weak] @ mean[weak]))
-        amplitude = abs(ratio) * np.sqrt(2.0 * np.mean(mean[weak] ** 2))
+        ratio, scatter = _ratio_at_zero(change, mean, force)
         ratios.append(ratio)
-        scatters.append(float(np.std(change[weak] - ratio * mean[weak]) / amplitude))
+        scatters.append(scatter)
     return moduli, WeakContacts(float(np.mean(ratios)), float(np.mean(ratios_isotropic)), float(np.mean(scatters)))
+
+
+def _ratio_at_zero(
+    change: NDArray[np.float64], mean: NDArray[np.float64], force: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Ratio change/mean in the limit of zero force, and the scatter over the amplitude of ratio x mean."""
+    weak = force < WEAK_FORCE
+    m = mean[weak]
+    basis = np.column_stack([m, m * force[weak]])
+    coefficients = np.linalg.lstsq(basis, change[weak], rcond=None)[0]
+    amplitude = abs(coefficients[0]) * np.sqrt(2.0 * np.mean(m**2))
+    return float(coefficients[0]), float(np.std(change[weak] - basis @ coefficients) / amplitude)
 
 
 def _force_change(probe: Probe) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -208,7 +219,11 @@ class LoopResult:
     force_anisotropy_ratio : float
         c_n: a_n over q/p, at the end of the loading.
     fluctuation : float
-        c_w: irreversible scatter of the forces of weak contacts after the loop, over ``|dgamma| kn r/f`` of the loading.
+        c_w: irreversible scatter S of the forces of weak contacts, over ``|dgamma| kn r/f`` of the loading. Taken from
+        the contacts that are open after the loop: a normal scatter of standard deviation S (in units of f) of a flat
+        distribution with density P0 moves a fraction ``P0 S/sqrt(2 pi)`` of all contacts below zero force.
+    force_scatter : float
+        The same from the quartiles of the force changes of contacts with initial forces of 0.1 to 0.5 f.
     shear_strain : float
         eps_1 - eps_2 at the end of the loading.
     """
@@ -217,15 +232,15 @@ class LoopResult:
     unloaded: Sample
     force_anisotropy_ratio: float
     fluctuation: float
+    force_scatter: float
     shear_strain: float
 
 
 def loading_loop(sample: Sample, stress_ratio: float = 0.2, limits: RateLimits | None = None) -> LoopResult:
     """Load an isotropic sample at constant p to `stress_ratio`, unload to q = 0; measure c_n and c_w.
 
-    The scatter is taken from the quartiles of the force changes (a normal distribution has 1.349 standard deviations
-    between them) of contacts with initial forces between 0.1 and 0.5 f, contacts lost in the loop counted as lowest,
-    so that the loss of the weakest does not narrow it.
+    In the quartiles (a normal distribution has 1.349 standard deviations between them) lost contacts count as lowest, so
+    that the loss of the weakest does not narrow the scatter.
     """
     current = sample.copy()
     motion = Motion(current)
@@ -250,7 +265,9 @@ def loading_loop(sample: Sample, stress_ratio: float = 0.2, limits: RateLimits |
     low, high = np.quantile(change[weak], [0.25, 0.75], method="higher")
     scatter = float(high - low) / 1.349
     unit = shear_strain * sample.normal_stiffness * 0.5 * sample.mean_diameter / scale
-    return LoopResult(loaded, current, ratio, scatter / unit, shear_strain)
+    density = force_distribution(before).at_zero.value
+    opened = float(np.mean(match.lost)) * np.sqrt(2.0 * np.pi) / density
+    return LoopResult(loaded, current, ratio, opened / unit, scatter / unit, shear_strain)
 
 
 def _follow(motion: Motion, leg, limits: RateLimits | None) -> None:  # type: ignore[no-untyped-def]
