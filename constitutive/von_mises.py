@@ -34,9 +34,7 @@ class VonMisesMaterial:
     hardening: float = 0.0
 
     def __post_init__(self) -> None:
-        check_parameters(
-            _PARAMETERS, (self.youngs_modulus, self.poissons_ratio, self.yield_stress, self.hardening)
-        )
+        check_parameters(_PARAMETERS, (self.youngs_modulus, self.poissons_ratio, self.yield_stress, self.hardening))
 
 
 @compiled(("constitutive",), parallel=True)

@@ -1,0 +1,8 @@
+"""The finite element host: meshes, spaces, assembly, equilibrium, stepping and files. Knows a law by its contract."""
+
+import os
+
+# Idle OpenMP threads of compiled kernels spin by default and then fight with the threads of the linear algebra
+# libraries: on a busy machine with two cores small problems became a hundred times slower. Read when the first parallel
+# kernel starts, hence set here.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")

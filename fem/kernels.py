@@ -17,7 +17,9 @@ Indices = NDArray[np.int32]
 
 
 @compiled(("fem",), parallel=True)
-def strain_kernel(gradients: Array, element_nodes: Indices, points_per_cell: int, displacement: Array, out: Array) -> None:
+def strain_kernel(
+    gradients: Array, element_nodes: Indices, points_per_cell: int, displacement: Array, out: Array
+) -> None:
     """Strain ``B u`` at all points (xx, yy, engineering xy)."""
     nelements, nb = element_nodes.shape
     for element in numba.prange(nelements):
@@ -61,9 +63,7 @@ def element_force_kernel(gradients: Array, weights: Array, points_per_cell: int,
 
 
 @compiled(("fem",), parallel=True)
-def gather_force_kernel(
-    start: Indices, source: Indices, local: Array, out: Array, magnitude: Array
-) -> None:
+def gather_force_kernel(start: Indices, source: Indices, local: Array, out: Array, magnitude: Array) -> None:
     """Nodal sums of the element vectors, and sums of their magnitudes (the scale of rounding)."""
     for node in numba.prange(len(start) - 1):
         x = 0.0

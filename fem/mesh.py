@@ -36,7 +36,7 @@ class HostMesh:
 
     @property
     def cell(self) -> str:
-        """"triangle" or "quad"."""
+        """ "triangle" or "quad"."""
         return "triangle" if self.mesh.t.shape[0] == 3 else "quad"
 
     def facets(self, name: str) -> NDArray[np.int64]:

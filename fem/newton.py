@@ -91,9 +91,7 @@ def _evaluate(system: Equilibrium, displacement: Array, external: Array) -> tupl
         system.forces.internal_force(system.material.stress_end, system.internal_trial)
         residual = external[system.free] - system.internal_trial[system.free]
         norm = float(np.linalg.norm(residual))
-        scale = max(
-            system.force_scale, float(np.linalg.norm(system.internal_trial)), float(np.linalg.norm(external))
-        )
+        scale = max(system.force_scale, float(np.linalg.norm(system.internal_trial)), float(np.linalg.norm(external)))
         rounding = np.finfo(np.float64).eps * float(np.linalg.norm(system.forces.magnitude))
         floor = max(system.control.absolute_tolerance, ROUNDING_MULTIPLE * rounding)
     if not np.isfinite(norm):

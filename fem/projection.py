@@ -80,9 +80,7 @@ def _fit(
     return csr_matrix((values, (vertex, point)), shape=(nvertices, space.npoints)), determined
 
 
-def _enlarged_patch(
-    space: Space, incidence: csr_matrix, vertex: int, nq: int
-) -> tuple[NDArray[np.int64], Array]:
+def _enlarged_patch(space: Space, incidence: csr_matrix, vertex: int, nq: int) -> tuple[NDArray[np.int64], Array]:
     """Fit at one vertex with rings of neighbours added until it is determined, or as well as the mesh allows."""
     cells = incidence[vertex].indices
     for _ in range(_LARGEST_PATCH_RINGS):

@@ -89,7 +89,9 @@ class Space:
         self.weights = np.ascontiguousarray(basis.dx.reshape(-1))
         gradients = np.stack([_point_major(field.grad) for field in fields], axis=1)
         self.gradients = np.ascontiguousarray(gradients)
-        self.shape_values = np.stack([np.broadcast_to(np.asarray(field), basis.dx.shape)[0] for field in fields], axis=1)
+        self.shape_values = np.stack(
+            [np.broadcast_to(np.asarray(field), basis.dx.shape)[0] for field in fields], axis=1
+        )
         self.point_cell = np.repeat(np.arange(self.nelements, dtype=np.int32), self.points_per_cell)
 
     @property
@@ -181,9 +183,7 @@ class Space:
         facets = self.host_mesh.facets(name)
         if (self.host_mesh.mesh.f2t[1, facets] != -1).any():
             raise MeshError(f"boundary {name!r} lies inside the domain, so that a traction on it has no outward side")
-        basis = skfem.FacetBasis(
-            self.host_mesh.mesh, self._scalar_element, facets=facets, intorder=2 * self.order + 1
-        )
+        basis = skfem.FacetBasis(self.host_mesh.mesh, self._scalar_element, facets=facets, intorder=2 * self.order + 1)
         place = _point_major(np.asarray(basis.global_coordinates()))
         normal = _point_major(np.broadcast_to(np.asarray(basis.normals), (2, *basis.dx.shape)))
         value = np.asarray(traction(place[:, 0], place[:, 1], normal[:, 0], normal[:, 1]), dtype=np.float64)

@@ -213,9 +213,7 @@ class _Run:
             if self._on_step is not None:
                 done = self._accounting.factorisations - factorisations
                 with self._accounting.phase("state"):
-                    result = self._result(
-                        terms, start, external, outcome, fraction, increment, iterations, done, cuts
-                    )
+                    result = self._result(terms, start, external, outcome, fraction, increment, iterations, done, cuts)
                 with self._accounting.phase("output"):
                     self._on_step(result)
             cuts, iterations, factorisations = 0, 0, self._accounting.factorisations

@@ -17,9 +17,7 @@ def call(law, increment, stress=None, index=None, tangent=True):
     start = np.zeros((n, 3)) if stress is None else stress
     end, matrices = np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)
     state = np.zeros((n, 0))
-    report = law.update(
-        increment, start, state, end, state.copy(), matrices if tangent else None, material_index=index
-    )
+    report = law.update(increment, start, state, end, state.copy(), matrices if tangent else None, material_index=index)
     return end, matrices, report
 
 

@@ -48,10 +48,11 @@ def test_solutions_and_kept_analysis(name):
 
 @needs_cholmod
 def test_cholmod_analyses_once_for_a_pattern():
-    assembler, tangent, matrix = stiffness()
+    assembler, tangent, _ = stiffness()
     solver = CholmodSolver()
     calls = []
     cholmod = solver._cholmod
+
     class Counting:
         def __getattr__(self, name):
             return getattr(cholmod, name)

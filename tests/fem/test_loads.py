@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from fem_meshes import ELASTIC, ELEMENTS, cell_of, distorted, nodal, run
+from fem_meshes import ELASTIC, ELEMENTS, distorted, nodal, run
 
 from fem.control import ControlError, StepControl
 from fem.loads import BodyForce, Displacement, Fixed, FixedPoint, LoadError, Pressure, Stage, Traction

@@ -158,9 +158,7 @@ def test_a_point_that_always_fails_ends_the_run_with_the_point_to_replay(space):
     assert np.abs(failed.strain_increment).max() > 1e-6
     # Alone it does the same.
     end, state = np.zeros((1, 3)), np.zeros((1, 2))
-    report = law.update(
-        failed.strain_increment[None], failed.stress_start[None], failed.state_start[None], end, state
-    )
+    report = law.update(failed.strain_increment[None], failed.stress_start[None], failed.state_start[None], end, state)
     assert report.failed == 1
 
 

@@ -101,7 +101,9 @@ def test_state_of_vectors_and_tensors_is_padded_by_description():
         strain = np.ones((2, 3))
         state = np.arange(12.0).reshape(2, 6)
 
-    law = LawDescription("made up", (Variable("a", ""), Variable("b", "", components=2), Variable("c", "", components=3)), ())
+    law = LawDescription(
+        "made up", (Variable("a", ""), Variable("b", "", components=2), Variable("c", "", components=3)), ()
+    )
     fields = point_fields(Record, law)
     assert set(fields) == {"stress", "strain", "a", "b", "c"}
     np.testing.assert_array_equal(fields["a"], [0.0, 6.0])
@@ -129,7 +131,7 @@ def test_folder_that_cannot_be_written_is_one_sentence(tmp_path):
     space = Space(distorted("P1"), "P1")
     blocked = tmp_path / "file"
     blocked.write_text("")
-    with pytest.raises(OutputError, match="output folder .* cannot be written"):
+    with pytest.raises(OutputError, match=r"output folder .* cannot be written"):
         FieldWriter(blocked / "inside", space, PLASTIC.description)
 
 
