@@ -78,14 +78,23 @@ def arc_of_loss(d, w1, w2):
     return kappa, sine, (-w1 * inverse if positive else 1.0), -w2 * inverse
 
 
-@compiled(**KERNEL_OPTIONS)
+@compiled(inline="always", **KERNEL_OPTIONS)
 def loss_moments(w, derivatives):
     """Moments over the arc of loss, in every lane.
 
     Reads rows D, F_V1, F_V2 (relative force change in the frame of a_n) and F_N (= |a_n| < 1); writes C, K, P1, S1M
     and, if `derivatives`, P2, S2M.
     """
-    small = False
+    small = _first_moments(w)
+    if derivatives:
+        _second_moments(w)
+    if small:
+        _from_series(w, derivatives)
+
+
+@compiled(**KERNEL_OPTIONS)
+def _first_moments(w):
+    """C, K and, by closed form, P1, S1; returns whether a lane needs the series."""
     for lane in range(LANES):
         a = w[F_N + lane]
         kappa, sine, cf, sf = arc_of_loss(w[D + lane], w[F_V1 + lane], w[F_V2 + lane])
@@ -130,12 +139,10 @@ def loss_moments(w, derivatives):
         w[S1M + lane] = q0
         w[S1M + L + lane] = q1
         w[S1M + 2 * L + lane] = q2
+    small = False
     for lane in range(LANES):
         small = small or w[F_N + lane] <= SMALL_ANISOTROPY
-    if derivatives:
-        _second_moments(w)
-    if small:
-        _from_series(w, derivatives)
+    return small
 
 
 @compiled(**KERNEL_OPTIONS)

@@ -49,13 +49,26 @@ LARGEST_FORCE_ANISOTROPY = 0.98
 _AVERAGE = 1.0 / (2.0 * math.pi)
 
 
-@compiled(**KERNEL_OPTIONS)
+@compiled(inline="always", **KERNEL_OPTIONS)
 def closed_form_change(w, loss, gain, derivatives):
     """Loss and gain for the harmonic density W = 1 + a_c.e (|a_c| <= 1) over the exact arcs, in every lane.
 
     Reads rows D, V1, V2 (dF), TRIAL_A1, TRIAL_A2 (a_c), N1, N2 (a_n); writes VALUE (loss_i, gain_i) and, if
     `derivatives`, BY_V (by d, w1, w2), BY_A (by a_c), BY_N (loss only, by a_n at fixed dF).
     """
+    _turn_to_force_anisotropy(w)
+    loss_moments(w, loss and derivatives)
+    if loss:
+        _loss(w, derivatives)
+        if derivatives:
+            _loss_by_force_anisotropy(w)
+    if gain:
+        _gain(w, derivatives)
+
+
+@compiled(**KERNEL_OPTIONS)
+def _turn_to_force_anisotropy(w):
+    """dF and a_c in the frame of a_n."""
     for lane in range(LANES):
         n1, n2 = w[N1 + lane], w[N2 + lane]
         a = math.sqrt(n1 * n1 + n2 * n2)
@@ -71,13 +84,6 @@ def closed_form_change(w, loss, gain, derivatives):
         w[F_V2 + lane] = ct * v2 - st * v1
         w[F_A1 + lane] = ct * q1 + st * q2
         w[F_A2 + lane] = ct * q2 - st * q1
-    loss_moments(w, loss and derivatives)
-    if loss:
-        _loss(w, derivatives)
-        if derivatives:
-            _loss_by_force_anisotropy(w)
-    if gain:
-        _gain(w, derivatives)
 
 
 @compiled(**KERNEL_OPTIONS)
@@ -100,7 +106,7 @@ def _gain(w, derivatives):
 
 @compiled(inline="always", **KERNEL_OPTIONS)
 def _project(w, lane, row, factor, derivatives, t00, t10, t20, t30, t01, t11, t21):
-    """Values and derivatives of ``factor int W (v.phi) phi_i`` from moments t_ij of cos^i sin^j, turned to fixed axes."""
+    """Values and derivatives of ``factor int W (v.phi) phi_i`` from moments t_ij of cos^i sin^j, in fixed axes."""
     t02, t12, t03 = t00 - t20, t10 - t30, t01 - t21
     d, w1, w2 = w[D + lane], w[F_V1 + lane], w[F_V2 + lane]
     f1, f2 = w[F_A1 + lane], w[F_A2 + lane]

@@ -9,7 +9,6 @@ holds to rounding. a_n, a_t and f follow from the end values: their closure [Pou
 
 import math
 
-import numba
 import numpy as np
 
 from .compilation import compiled
@@ -66,9 +65,6 @@ from .runge_kutta import FAILED_STAGE_FACTOR, MAX_FACTOR, MIN_FACTOR, SAFETY, SM
 from .stage import stage
 from .stiffness import stress_invariants
 
-CHUNK = 512
-"""Points that one thread works through with one workspace."""
-
 OK = int(Status.OK)
 LIMITED = int(Status.LIMITED)
 NO_PRESSURE = int(Status.NO_PRESSURE)
@@ -79,9 +75,9 @@ NOT_FINITE = int(Status.NOT_FINITE)
 TANGENT_NONE, TANGENT_PROPAGATED, TANGENT_CONTINUUM, TANGENT_ELASTIC = range(4)
 
 
-@compiled(**KERNEL_OPTIONS)
+@compiled(inline="always", **KERNEL_OPTIONS)
 def _attempt(w, control, mixed, options, derivatives, tableau, nodes, weights, solver):
-    """All stages of one substep from rows Y, TY over rows STEP; leaves the end in TRIAL, the largest status in WORST."""
+    """All stages of one substep from rows Y, TY over rows STEP; leaves the end in TRIAL, the worst status in WORST."""
     a, b = tableau[0], tableau[1]
     stages = b.shape[0]
     for lane in range(LANES):
@@ -180,65 +176,8 @@ def _accept(w, b, derivatives):
                     w[SUMS + row * L + lane] += w[STEP + lane] * b[m] * w[kept + lane]
 
 
-@compiled(parallel=True, **KERNEL_OPTIONS)
-def update_batch(
-    given,
-    control,
-    mixed,
-    stress_start,
-    state_start,
-    stress_end,
-    state_end,
-    strain_increment,
-    tangent,
-    tangent_kind,
-    material_index,
-    table,
-    micro_of_column,
-    options,
-    tableau,
-    numerics,
-    nodes,
-    weights,
-    status,
-    counts,
-):
-    """Advance all points; see `law.ContactLaw` for the arrays.
-
-    `control` is (npt, 3) if `mixed`, else (1, 3); `strain_increment` is written if `mixed`; `tangent` according to
-    `tangent_kind`; `status` (npt,) and `counts` (npt, 2: accepted and rejected substeps) are written. `tableau` holds
-    a, b, error, error order; `numerics` the tolerance, the number of fixed substeps, the largest number of substeps.
-    """
-    npt = given.shape[0]
-    for chunk in numba.prange((npt + CHUNK - 1) // CHUNK):
-        _update_chunk(
-            chunk * CHUNK,
-            min(npt, (chunk + 1) * CHUNK),
-            given,
-            control,
-            mixed,
-            stress_start,
-            state_start,
-            stress_end,
-            state_end,
-            strain_increment,
-            tangent,
-            tangent_kind,
-            material_index,
-            table,
-            micro_of_column,
-            options,
-            tableau,
-            numerics,
-            nodes,
-            weights,
-            status,
-            counts,
-        )
-
-
-@compiled(**KERNEL_OPTIONS)
-def _update_chunk(
+@compiled(nogil=True, **KERNEL_OPTIONS)
+def update_points(
     first,
     end,
     given,
@@ -262,10 +201,17 @@ def _update_chunk(
     status,
     counts,
 ):
+    """Advance the points from `first` up to, not including, `end`; see `law.ContactLaw` for the arrays.
+
+    `control` is (npt, 3) if `mixed`, else (1, 3); `strain_increment` is written if `mixed`; `tangent` according to
+    `tangent_kind`; `status` (npt,) and `counts` (npt, 2: accepted and rejected substeps) are written. `tableau` holds
+    a, b, error, error order; `numerics` the tolerance, the number of fixed substeps, the largest number of substeps.
+    Runs without the interpreter's lock, so that threads can share a batch; a point's result does not depend on how.
+    """
     b, error, error_order = tableau[1], tableau[2], tableau[3]
     derivatives = tangent_kind == TANGENT_PROPAGATED
     tolerance, planned, most = numerics[0], int(numerics[1]), int(numerics[2])
-    fixed = error_order == 0
+    fixed = planned > 0
     w = np.zeros(SIZE)
     micro = np.zeros(MICRO)
     solver = np.zeros((3, 4))
@@ -282,9 +228,8 @@ def _update_chunk(
             while point_of[lane] < 0 and following < end:
                 point = following
                 following += 1
-                outcome = load_point(
-                    w, lane, point, given, stress_start, state_start, table[material_index[point]], micro_of_column, options
-                )
+                par = table[material_index[point]]
+                outcome = load_point(w, lane, point, given, stress_start, state_start, par, micro_of_column, options)
                 if tangent_kind != TANGENT_NONE:
                     stiffness_of(w, lane, outcome != NOT_FINITE, tangent[point])
                 at_rest = given[point, 0] == 0.0 and given[point, 1] == 0.0 and given[point, 2] == 0.0
@@ -366,7 +311,18 @@ def _update_chunk(
                 for i in range(state_start.shape[1]):
                     state_end[point, i] = state_start[point, i]
             elif last[lane]:
-                _finish(w, lane, point, mixed, lane_control[lane], options, stress_start, state_start, micro_of_column, micro)
+                _finish(
+                    w,
+                    lane,
+                    point,
+                    mixed,
+                    lane_control[lane],
+                    options,
+                    stress_start,
+                    state_start,
+                    micro_of_column,
+                    micro,
+                )
                 for i in range(3):
                     stress_end[point, i] = w[Y + i * L + lane]
                     if mixed:
@@ -420,7 +376,7 @@ def _finish(w, lane, point, mixed, control, options, stress_start, state_start, 
 
 @compiled()
 def smallest_step_factor(status, counts, comfortable):
-    """Step factor to propose: a quarter after a failure; between 1 and 2 the smaller, the more substeps a point took."""
+    """Step factor to propose: a quarter after a failure, else from 2 down to 1 the more substeps a point took."""
     factor = 2.0
     for point in range(status.shape[0]):
         if status[point] > LIMITED:

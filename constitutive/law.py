@@ -16,13 +16,14 @@ from .integrate import (
     TANGENT_NONE,
     TANGENT_PROPAGATED,
     smallest_step_factor,
-    update_batch,
+    update_points,
 )
 from .lanes import HARMONIC, MAXIMUM_ENTROPY
 from .load_lane import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
 from .parameters import Closure, Integration, Material, ParameterError, parameter_table
 from .runge_kutta import TABLEAUS
 from .state import micro_of_columns, state_variables
+from .threads import run_in_threads
 
 _TANGENTS = {
     "propagated": TANGENT_PROPAGATED,
@@ -138,7 +139,9 @@ class ContactLaw:
             s = np.stack([-0.5 * (stress[:, 0] - stress[:, 1]) / p, -stress[:, 2] / p], axis=1)
         s[~np.isfinite(s)] = 0.0
         z = table[:, PAR_Z].copy() if coordination is None else np.asarray(coordination, dtype=np.float64)
-        fabric = table[:, [PAR_FABRIC_XX, PAR_FABRIC_XY]] if fabric_anisotropy is None else np.asarray(fabric_anisotropy)
+        fabric = table[:, [PAR_FABRIC_XX, PAR_FABRIC_XY]]
+        if fabric_anisotropy is not None:
+            fabric = np.asarray(fabric_anisotropy, dtype=np.float64)
         if not self.effects.principal_rotation:
             s = s * [1.0, 0.0]
             fabric = fabric * np.array([1.0, 0.0])
@@ -232,10 +235,17 @@ class ContactLaw:
         strain_increment: Array,
         material_index: NDArray[np.int32] | None = None,
     ) -> UpdateReport:
-        """Advance all points by a stress increment (xx, yy, xy, tension positive) [Pa]; `strain_increment` is written."""
+        """Advance all points by a stress increment (xx, yy, xy, tension positive) [Pa]; writes `strain_increment`."""
         control = np.ones((stress_increment.shape[0], 3), dtype=np.uint8)
         return self.update_mixed(
-            control, stress_increment, stress_start, state_start, stress_end, state_end, strain_increment, material_index
+            control,
+            stress_increment,
+            stress_start,
+            state_start,
+            stress_end,
+            state_end,
+            strain_increment,
+            material_index,
         )
 
     def _call(
@@ -267,7 +277,7 @@ class ContactLaw:
             raise ValueError(f"material_index must lie in 0 ... {len(self.materials) - 1}")
         status = np.zeros(npt, dtype=np.int8)
         counts = np.zeros((npt, 2), dtype=np.int32)
-        update_batch(
+        arguments = (
             given,
             np.zeros((1, 3), dtype=np.uint8) if control is None else control,
             control is not None,
@@ -289,6 +299,7 @@ class ContactLaw:
             status,
             counts,
         )
+        run_in_threads(update_points, npt, arguments)
         factor = smallest_step_factor(status, counts, _COMFORTABLE_SUBSTEPS)
         return UpdateReport(status, counts[:, 0], counts[:, 1], float(factor))
 

@@ -138,7 +138,7 @@ def load_point(w, lane, point, given, stress_start, state_start, par, micro_of_c
 
 @compiled()
 def stiffness_of(w, lane, valid, out):
-    """Elastic stiffness of the lane's reference state into `out`, shape (3, 3); zeros if the lane's input was not valid."""
+    """Elastic stiffness of the lane's reference state into `out`, shape (3, 3); zeros if it is not valid."""
     if valid:
         fill_stiffness(
             w[BULK + lane],

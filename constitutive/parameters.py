@@ -148,7 +148,7 @@ class Integration:
     tolerance : float
         Local error allowed per substep, relative to the state.
     substeps : int
-        Number of substeps of `forward_euler`.
+        Fixed number of equal substeps; 0 for error control. `forward_euler` has no error estimate and needs a number.
     maximum_substeps : int
         A point that needs more fails with a status.
     arc_integration : {"closed_form", "gauss"}
@@ -160,7 +160,7 @@ class Integration:
 
     integrator: Integrator = "kutta"
     tolerance: float = 1e-6
-    substeps: int = 10
+    substeps: int = 0
     maximum_substeps: int = 100_000
     arc_integration: ArcIntegration = "closed_form"
     directions: int = 32
@@ -171,13 +171,18 @@ class Integration:
         if not 1e-14 <= self.tolerance <= 1.0:
             raise ParameterError(f"integration.tolerance = {self.tolerance!r} is outside [1e-14, 1]")
         for name, least, most in (
-            ("substeps", 1, 10_000_000),
+            ("substeps", 0, 10_000_000),
             ("maximum_substeps", 1, 100_000_000),
             ("directions", 4, 512),
         ):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
                 raise ParameterError(f"integration.{name} = {value!r} is not an integer in [{least}, {most}]")
+        if self.integrator == "forward_euler" and self.substeps == 0:
+            raise ParameterError(
+                "integration.substeps = 0 asks for error control, but forward_euler has no error estimate; "
+                "give a fixed number of substeps or another integrator"
+            )
 
 
 def parameter_table(materials: Sequence[Material]) -> Array:

@@ -133,7 +133,8 @@ class _Recorder:
 
     def _signed(self, vector: Array) -> float:
         along = vector[0] if self.axis is None else float(vector @ self.axis)
-        return float(np.copysign(np.hypot(*vector), along))
+        # adding zero turns -0.0 into 0.0
+        return float(np.copysign(np.hypot(*vector), along)) + 0.0
 
     def add(self, stress: Array, state: Array, strain: Array, substeps: int, rejected: int, limited: bool) -> None:
         """Append one row."""

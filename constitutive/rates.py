@@ -68,7 +68,7 @@ _FIXED_POINT_ITERATIONS = 60
 _UNSOLVED, _CONVERGED, _NO_SOLUTION = 0.0, 1.0, 2.0
 
 
-@compiled(**KERNEL_OPTIONS)
+@compiled(inline="always", **KERNEL_OPTIONS)
 def network_rates(w, options, derivatives, nodes, weights):
     """Rates of coordination number and fabric, split into gained and lost, in every lane.
 
@@ -86,19 +86,9 @@ def network_rates(w, options, derivatives, nodes, weights):
         Gauss-Legendre rule for arcs without a closed form.
     """
     self_consistent = options[SELF_CONSISTENT] != 0
-    for lane in range(LANES):
-        w[X1 + lane] = 0.0
-        w[X2 + lane] = 0.0
-        w[SOLVED + lane] = _UNSOLVED if self_consistent else _CONVERGED
-        z = w[TRIAL_Z + lane]
-        room = w[NEIGHBOURS + lane] - z
-        w[GAIN_FACTOR + lane] = (room if room > 0.0 else 0.0) / z * w[HALF_GAP + lane] * w[FORCE + lane]
+    _prepare(w, self_consistent)
     for _ in range(_FIXED_POINT_ITERATIONS):
-        for lane in range(LANES):
-            share = w[C_N + lane] if self_consistent else 2.0
-            d = w[D + lane]
-            w[V1 + lane] = w[N1 + lane] * d + share * w[DS1 + lane] + w[X1 + lane]
-            w[V2 + lane] = w[N2 + lane] * d + share * w[DS2 + lane] + w[X2 + lane]
+        _force_change_vector(w, self_consistent)
         _change(w, options, derivatives or self_consistent, nodes, weights)
         if not self_consistent or _improve(w, options):
             break
@@ -110,15 +100,44 @@ def network_rates(w, options, derivatives, nodes, weights):
 
 
 @compiled(**KERNEL_OPTIONS)
+def _prepare(w, self_consistent):
+    """Start of the self-consistent iteration, and the factor of gain."""
+    for lane in range(LANES):
+        w[X1 + lane] = 0.0
+        w[X2 + lane] = 0.0
+        w[SOLVED + lane] = _UNSOLVED if self_consistent else _CONVERGED
+        z = w[TRIAL_Z + lane]
+        room = w[NEIGHBOURS + lane] - z
+        w[GAIN_FACTOR + lane] = (room if room > 0.0 else 0.0) / z * w[HALF_GAP + lane] * w[FORCE + lane]
+
+
+@compiled(**KERNEL_OPTIONS)
+def _force_change_vector(w, self_consistent):
+    """w = a_n d + b."""
+    for lane in range(LANES):
+        share = w[C_N + lane] if self_consistent else 2.0
+        d = w[D + lane]
+        w[V1 + lane] = w[N1 + lane] * d + share * w[DS1 + lane] + w[X1 + lane]
+        w[V2 + lane] = w[N2 + lane] * d + share * w[DS2 + lane] + w[X2 + lane]
+
+
+@compiled(inline="always", **KERNEL_OPTIONS)
 def _change(w, options, derivatives, nodes, weights):
     """Loss and gain of every lane, by closed form where there is one."""
     loss, gain = options[LOSS] != 0, options[GAIN] != 0
     closed = options[CLOSED_FORM] != 0 and options[DENSITY] == HARMONIC
     if closed:
         closed_form_change(w, loss, gain, derivatives)
+    _change_by_quadrature(w, not closed, options, derivatives, nodes, weights)
+
+
+@compiled(**KERNEL_OPTIONS)
+def _change_by_quadrature(w, everywhere, options, derivatives, nodes, weights):
+    """Loss and gain by quadrature, everywhere or where the harmonic density has to be clipped."""
+    loss, gain = options[LOSS] != 0, options[GAIN] != 0
     for lane in range(LANES):
         a1, a2 = w[TRIAL_A1 + lane], w[TRIAL_A2 + lane]
-        if not closed or a1 * a1 + a2 * a2 > 1.0:
+        if everywhere or a1 * a1 + a2 * a2 > 1.0:
             quadrature_change(w, lane, options[DENSITY], loss, gain, derivatives, nodes, weights)
 
 

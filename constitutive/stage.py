@@ -82,7 +82,7 @@ STIFFNESS_LOST = float(Status.STIFFNESS_LOST)
 NOT_CONVERGED = float(Status.NOT_CONVERGED)
 
 
-@compiled(**KERNEL_OPTIONS)
+@compiled(inline="always", **KERNEL_OPTIONS)
 def stage(w, control, mixed, options, derivatives, nodes, weights, solver):
     """Rates at the stage whose unknowns are in rows TRIAL (and TRIAL_TY); writes RATE ... STRAIN and OUTCOME.
 
@@ -107,42 +107,66 @@ def stage(w, control, mixed, options, derivatives, nodes, weights, solver):
         for lane in range(LANES):
             solve_mixed(w, lane, control[lane], solver)
     else:
-        for lane in range(LANES):
-            x, y, s = stress_rate(
-                w[BULK + lane],
-                w[SHEAR + lane],
-                w[COUPLING + lane],
-                w[STIFF_Z + lane],
-                w[STIFF_A1 + lane],
-                w[STIFF_A2 + lane],
-                w[GIVEN + lane],
-                w[GIVEN + L + lane],
-                w[GIVEN + 2 * L + lane],
-            )
-            w[RATE + lane] = x
-            w[RATE + L + lane] = y
-            w[RATE + 2 * L + lane] = s
-            w[STRAIN + lane] = w[GIVEN + lane]
-            w[STRAIN + L + lane] = w[GIVEN + L + lane]
-            w[STRAIN + 2 * L + lane] = w[GIVEN + 2 * L + lane]
+        _strain_driven(w)
     if network:
         _force_change(w, options)
         network_rates(w, options, derivatives, nodes, weights)
-        for lane in range(LANES):
-            outcome = w[OUTCOME + lane]
-            w[OUTCOME + lane] = NOT_CONVERGED if outcome <= LIMITED and w[SOLVED + lane] != 1.0 else outcome
+        _refuse_unsolved(w)
     else:
-        for row in range(3):
-            for lane in range(LANES):
-                w[RATE + (3 + row) * L + lane] = 0.0
-                w[GAINED + row * L + lane] = 0.0
-                w[LOST + row * L + lane] = 0.0
+        _network_at_rest(w)
     if derivatives:
-        feedback, rotation = options[FEEDBACK] != 0, options[ROTATION] != 0
-        # one call each: the offsets of a column must be constants to become vector code
-        _column(w, feedback, rotation, network, TRIAL_TY, SLOPE, 1.0, 1.0, 0.0)
-        _column(w, feedback, rotation, network, TRIAL_TY + UNKNOWNS * L, SLOPE + UNKNOWNS * L, 1.0, -1.0, 0.0)
-        _column(w, feedback, rotation, network, TRIAL_TY + 2 * UNKNOWNS * L, SLOPE + 2 * UNKNOWNS * L, 0.0, 0.0, 1.0)
+        _differentiate(w, options, network)
+
+
+@compiled(**KERNEL_OPTIONS)
+def _strain_driven(w):
+    """Stress rate of the given strain rate."""
+    for lane in range(LANES):
+        x, y, s = stress_rate(
+            w[BULK + lane],
+            w[SHEAR + lane],
+            w[COUPLING + lane],
+            w[STIFF_Z + lane],
+            w[STIFF_A1 + lane],
+            w[STIFF_A2 + lane],
+            w[GIVEN + lane],
+            w[GIVEN + L + lane],
+            w[GIVEN + 2 * L + lane],
+        )
+        w[RATE + lane] = x
+        w[RATE + L + lane] = y
+        w[RATE + 2 * L + lane] = s
+        w[STRAIN + lane] = w[GIVEN + lane]
+        w[STRAIN + L + lane] = w[GIVEN + L + lane]
+        w[STRAIN + 2 * L + lane] = w[GIVEN + 2 * L + lane]
+
+
+@compiled(**KERNEL_OPTIONS)
+def _refuse_unsolved(w):
+    """Fail the lanes whose self-consistent equations have no solution."""
+    for lane in range(LANES):
+        outcome = w[OUTCOME + lane]
+        w[OUTCOME + lane] = NOT_CONVERGED if outcome <= LIMITED and w[SOLVED + lane] != 1.0 else outcome
+
+
+@compiled(**KERNEL_OPTIONS)
+def _network_at_rest(w):
+    """No loss and no gain."""
+    for row in range(3):
+        for lane in range(LANES):
+            w[RATE + (3 + row) * L + lane] = 0.0
+            w[GAINED + row * L + lane] = 0.0
+            w[LOST + row * L + lane] = 0.0
+
+
+@compiled(**KERNEL_OPTIONS)
+def _differentiate(w, options, network):
+    """Derivatives of all rates by the strain increment."""
+    feedback, rotation = options[FEEDBACK] != 0, options[ROTATION] != 0
+    # one call each: the offsets of a column must be constants to become vector code
+    _column(w, feedback, rotation, network, TRIAL_TY, SLOPE, 1.0, 1.0, 0.0)
+    _column(w, feedback, rotation, network, TRIAL_TY + UNKNOWNS * L, SLOPE + UNKNOWNS * L, 1.0, -1.0, 0.0)
+    _column(w, feedback, rotation, network, TRIAL_TY + 2 * UNKNOWNS * L, SLOPE + 2 * UNKNOWNS * L, 0.0, 0.0, 1.0)
 
 
 @compiled(**KERNEL_OPTIONS)

@@ -1,7 +1,7 @@
 """Elastic stiffness of a contact network: the uniform-strain estimate with measured reductions [model of section 7].
 
-With M = 2 z phi/pi, contact stiffnesses kn and kt, and contacts distributed as 1 + a_c.e, the work of a uniform strain on
-all contacts gives, in the mean ``eps_v = e_xx + e_yy`` and deviator ``e = (e_xx - e_yy, gamma_xy)``,
+With M = 2 z phi/pi, contact stiffnesses kn and kt, and contacts distributed as 1 + a_c.e, the work of a uniform strain
+on all contacts gives, in the mean ``eps_v = e_xx + e_yy`` and deviator ``e = (e_xx - e_yy, gamma_xy)``,
 
     (s_xx + s_yy)/2            = K eps_v + B a_c.e
     ((s_xx - s_yy)/2, s_xy)    = G e + B a_c eps_v

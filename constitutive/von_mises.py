@@ -148,7 +148,7 @@ class VonMisesLaw:
         return LawDescription("von Mises", _STATE, _PARAMETERS)
 
     def initial_state(self, stress: Array, material_index: NDArray[np.int32] | None = None) -> Array:
-        """Out-of-plane stress ``nu (sigma_xx + sigma_yy)``, as if the initial stress were elastic; no plastic strain."""
+        """Out-of-plane stress ``nu (sigma_xx + sigma_yy)`` as if the stress were elastic; no plastic strain."""
         state = np.zeros((len(stress), 2))
         index = index_of_points(material_index, len(stress))
         state[:, 0] = self._table[index, 1] * (stress[:, 0] + stress[:, 1])
