@@ -165,8 +165,8 @@ class Stage:
     increments : int
         Number of load steps to begin with.
     keep : bool
-        What an earlier stage set and this one does not name: if True it stays as it is; if False forces fade to zero and
-        boundaries are released (their reactions fade to zero).
+        What an earlier stage set and this one does not name: if True it stays as it is; if False forces fade to zero
+        and boundaries are released (their reactions fade to zero).
     """
 
     name: str
