@@ -72,7 +72,7 @@ class Segment:
     angle : float
         Direction of the (major compressive) axis from the x axis, radians.
     control, target
-        mixed: ``"stress"``/``"strain"`` and targets per component xx, yy, xy (tension positive, tensor shear strain).
+        mixed: ``"stress"``/``"strain"`` and targets per component xx, yy, xy (tension positive, engineering shear strain).
     """
 
     kind: str = "biaxial"
@@ -199,7 +199,7 @@ class DemRun:
     def history(self) -> dict[str, NDArray[np.float64]]:
         """Columns of the history so far; see `HISTORY_COLUMNS`.
 
-        Stress and strain tension positive, tensor shear strain; anisotropies as components along the axis of the first
+        Stress and strain tension positive, `strain_xy` the engineering shear strain; anisotropies as components along the axis of the first
         segment, and as double-angle vectors (``_xx``: cos 2 theta, ``_xy``: sin 2 theta); `coordination` over all
         particles; `mean_normal_force` over its initial value; gained, lost and persisting parts added up over the records;
         inertial number and unbalanced force are the largest since the record before; energies in J per metre.
@@ -280,7 +280,7 @@ class DemRun:
         along = self.axis
         self.rows.append(
             [
-                float(len(self.rows)), *sample.strain, *stress, p, q, z.all_particles, z.without_rattlers,
+                float(len(self.rows)), sample.strain[0], sample.strain[1], 2.0 * sample.strain[2], *stress, p, q, z.all_particles, z.without_rattlers,
                 component_along(fabric, along), component_along(forces.normal, along),
                 component_along(forces.tangential, along), forces.mean / self._initial_force,
                 sliding_fraction(sample, contacts), self._gained, self._lost,

@@ -14,7 +14,8 @@ Displacements in a dense packing are far smaller than disks. Directions and leng
 from one *refresh* to the next and only the overlap and the tangential elongation are integrated in between; a refresh
 computes them anew from the positions as soon as any pair may have moved by more than `refresh` mean diameters relative
 to each other (default 2e-5, a fifth of the mean overlap at kn/p = 1e4): a direction is never off by more than 2e-5 rad and
-an overlap by more than the square of that. Pairs that cannot touch before the next refresh are left out.
+an overlap by more than the square of that. (Likewise the lever arms of tangential forces are the radii, not the radii less
+half the overlap; both are errors of the order of overlap over diameter.) Pairs that cannot touch before the next refresh are left out.
 
 Inside compiled code stresses and strains are tension positive, order xx, yy, xy (tensor shear strain).
 """

@@ -150,12 +150,15 @@ def invariant_leg(p: float, q: float, angle: float, hold: bool = True) -> Leg:
 def mixed_leg(control: Sequence[str], target: Sequence[float], hold: bool = True) -> Leg:
     """Per component (xx, yy, xy) either ``"stress"`` or ``"strain"`` moved straight to its target.
 
-    `target` is tension positive, shear strain as tensor component, strains absolute (not increments).
+    `target` is tension positive, shear strain as engineering strain, strains absolute (not increments).
     """
     if len(control) != 3 or any(c not in ("stress", "strain") for c in control):
         raise SampleError(f"control is {list(control)}, legal are three of 'stress', 'strain'")
-    end = to_vector(_three(target, "target"))
     strain_controlled = tuple(c == "strain" for c in control)
+    end = _three(target, "target")
+    if strain_controlled[2]:
+        end[2] *= 0.5
+    end = to_vector(end)
 
     def values(s: float, stress: NDArray[np.float64], strain: NDArray[np.float64]) -> NDArray[np.float64]:
         start = np.where(strain_controlled, to_vector(strain), to_vector(stress))
@@ -216,7 +219,7 @@ def axial_stress_ratio(stress: NDArray[np.float64], angle: float) -> float:
 
 
 def _three(values: Sequence[float], what: str) -> NDArray[np.float64]:
-    array = np.asarray(values, dtype=np.float64)
+    array = np.array(values, dtype=np.float64)
     if array.shape != (3,) or not np.isfinite(array).all():
         raise SampleError(f"{what} must be three finite numbers xx, yy, xy; got {values}")
     return array
@@ -309,9 +312,8 @@ class Loading:
         now = q @ to_vector(motion.stress)
         error = float(np.linalg.norm((state.target - now)[free])) if free.any() else 0.0
         unit_rate = limits.inertial_number * motion.step * sqrt(pressure / motion.sample.normal_stiffness)
-        holding = state.progress >= 1.0
         ahead = state.progress
-        if not holding and error <= limits.lag * pressure:
+        if ahead < 1.0 and error <= limits.lag * pressure:
             per_progress = self._strain_of((self._values(min(ahead + 1e-4, 1.0), state) - state.target), compliance) / max(
                 min(ahead + 1e-4, 1.0) - ahead, 1e-12
             )

@@ -1,0 +1,27 @@
+"""Small samples that several tests of the DEM build on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dem_ref.sample import Sample, new_sample
+
+
+def two_disks(gap: float, stiffness: float = 1.0, friction: float = 0.5, radius: float = 0.5) -> Sample:
+    """Two disks side by side along x, in the middle of a wide cell."""
+    distance = 2 * radius + gap
+    position = np.array([[6.0 - distance / 2, 6.0], [6.0 + distance / 2, 6.0]])
+    return new_sample(
+        position, np.full(2, radius), 12.0 * np.eye(2), normal_stiffness=stiffness, friction=friction, stiffness_ratio=1.0
+    )
+
+
+def triangular_lattice(columns: int, rows: int, overlap: float, stiffness: float = 1.0, ratio: float = 1.0) -> Sample:
+    """Equal disks of diameter 1 on a triangular lattice, six contacts each with the given overlap; `rows` even."""
+    spacing = 1.0 - overlap
+    height = spacing * np.sqrt(3.0) / 2.0
+    position = [[(i + 0.5 * (j % 2)) * spacing, j * height] for j in range(rows) for i in range(columns)]
+    cell = np.diag([columns * spacing, rows * height])
+    return new_sample(
+        np.array(position) + 0.1, np.full(rows * columns, 0.5), cell, normal_stiffness=stiffness, stiffness_ratio=ratio
+    )
