@@ -61,11 +61,37 @@ def _microvariables(folder: Path, columns: Columns, scene: dict[str, Any]) -> Pa
     with picture(path, 11.0, 6.2) as figure:
         axes = figure.subplots(2, 3, sharex=False).ravel()
         for place, (name, text, colour) in enumerate(MICROVARIABLES):
-            _line(axes[place], x, columns[name], colour)
+            if _turns(columns, name):
+                _components(axes[place], x, columns, name, colour)
+            else:
+                _line(axes[place], x, columns[name], colour)
             axes[place].set(title=f"({'abcdef'[place]})", xlabel=label, ylabel=f"{text} [-]")
         _stress_path(axes[5], columns)
         figure.suptitle(scene["title"], x=0.01, ha="left", fontsize=13)
     return path
+
+
+def _turns(columns: Columns, name: str) -> bool:
+    """Whether a vector of the double-angle plane leaves the line on which it began to grow."""
+    if f"{name}_1" not in columns:
+        return False
+    vector = np.column_stack([columns[f"{name}_1"], columns[f"{name}_2"]])
+    size = np.linalg.norm(vector, axis=1)
+    if not size.max() > 0:
+        return False
+    first = vector[int(np.argmax(size > 1e-6 * size.max()))]
+    across = np.abs(vector @ np.array([-first[1], first[0]])) / np.linalg.norm(first)
+    return bool(across.max() > 1e-3 * size.max())
+
+
+def _components(axes: Any, x: NDArray[np.float64], columns: Columns, name: str, colour: str) -> None:
+    """A vector that turns: its magnitude and both components."""
+    one, two = columns[f"{name}_1"], columns[f"{name}_2"]
+    axes.plot(x, np.hypot(one, two), color=colour, label="magnitude")
+    axes.plot(x, one, color=colour, linestyle="--", linewidth=1.2, label=r"along $\cos 2\theta$")
+    axes.plot(x, two, color=colour, linestyle=":", linewidth=1.4, label=r"along $\sin 2\theta$")
+    axes.margins(y=0.25)
+    axes.legend(fontsize=7, ncols=3, loc="lower center", handlelength=1.6, columnspacing=0.8)
 
 
 def _line(axes: Any, x: NDArray[np.float64], y: NDArray[np.float64], colour: str, **options: Any) -> None:
@@ -101,21 +127,34 @@ def _stress_path(axes: Any, columns: Columns) -> None:
 def _decomposition(folder: Path, columns: Columns, scene: dict[str, Any]) -> Path:
     x, label = horizontal(columns, scene)
     path = folder / "fabric_decomposition.png"
+    turns = _turns(columns, "fabric_anisotropy")
     with picture(path, 10.0, 4.4) as figure:
         left, right = figure.subplots(1, 2)
-        for axes, total, part, text in (
-            (left, "fabric_anisotropy", "fabric", "change of fabric anisotropy $a_c$"),
-            (right, "coordination", "coordination", "change of coordination number $z$"),
-        ):
-            gained, lost = columns[f"{part}_gained"], columns[f"{part}_lost"]
-            axes.axhline(0.0, color=BLACK, linewidth=0.8)
-            axes.plot(x, gained, color=SKY, label="by contacts gained")
-            axes.plot(x, -lost, color=ORANGE, linestyle="--", label="by contacts lost")
-            axes.plot(x, columns[total] - columns[total][0], color=BLACK, linestyle="-.", label="net")
-            axes.set(xlabel=label, ylabel=f"{text} [-]")
-            axes.ticklabel_format(axis="y", useOffset=False)
-        left.set_title("Fabric anisotropy")
-        right.set_title("Coordination number")
+        if turns:  # only magnitudes can be told in one line each
+            gained, lost = np.abs(columns["fabric_gained"]), np.abs(columns["fabric_lost"])
+            parts = [columns[f"fabric_anisotropy_{part}"] for part in (1, 2)]
+            net = np.hypot(*(values - values[0] for values in parts))
+            left.set_ylabel("magnitude of the change of fabric anisotropy $a_c$ [-]")
+        else:
+            gained, lost = columns["fabric_gained"], -columns["fabric_lost"]
+            net = columns["fabric_anisotropy"] - columns["fabric_anisotropy"][0]
+            left.set_ylabel("change of fabric anisotropy $a_c$ [-]")
+        _shares(left, x, gained, lost, net)
+        z = columns["coordination"]
+        _shares(right, x, columns["coordination_gained"], -columns["coordination_lost"], z - z[0])
+        right.set_ylabel("change of coordination number $z$ [-]")
+        left.set(title="Fabric anisotropy", xlabel=label)
+        right.set(title="Coordination number", xlabel=label)
         left.legend()
         figure.suptitle(scene["title"], x=0.01, ha="left", fontsize=13)
     return path
+
+
+def _shares(
+    axes: Any, x: NDArray[np.float64], gained: NDArray[np.float64], lost: NDArray[np.float64], net: NDArray[np.float64]
+) -> None:
+    axes.axhline(0.0, color=BLACK, linewidth=0.8)
+    axes.plot(x, lost, color=ORANGE, linewidth=4.5, alpha=0.75, solid_capstyle="butt", label="by contacts lost")
+    axes.plot(x, gained, color=SKY, linewidth=2.4, label="by contacts gained")
+    axes.plot(x, net, color=BLACK, linestyle=(0, (5, 3)), label="net")
+    axes.ticklabel_format(axis="y", useOffset=False)

@@ -52,11 +52,12 @@ class Screen:
 
     def table(self, title: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Short table, numbers to the right."""
-        table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+        table = Table(box=None, pad_edge=False)
         for name in names:
             table.add_column(name, justify="right", no_wrap=True)
         for row in rows:
             table.add_row(*row)
+        self.console.print(title, markup=False, soft_wrap=True, style="bold")
         self.console.print(table)
 
 
