@@ -137,6 +137,7 @@ class _Recorder:
         self._folder = folder
         self._every = every
         self._advance = advance
+        self._stages = problem.stages
         self._places = {stage.name: place for place, stage in enumerate(problem.stages)}
         self._writer = FieldWriter(folder, problem.space, problem.law.description)
         self.history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
@@ -151,7 +152,8 @@ class _Recorder:
         self._last = step
         if step.step % self._every == 0:
             self._write_fields(step)
-        done = self._places[step.stage] + step.fraction
+        place = self._places[step.stage]
+        done = sum(stage.increments for stage in self._stages[:place]) + step.fraction * self._stages[place].increments
         self._advance(done, f"{step.stage}: step {step.step}, {step.iterations} iterations")
 
     def close(self) -> None:
@@ -202,7 +204,10 @@ def run_field(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
             "integration_points": problem.space.npoints,
         }
         record.write()
-        with screen.progress(loaded.name, len(problem.stages)) as advance, record.phase("run"):
+        with (
+            screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
+            record.phase("run"),
+        ):
             recorder = _Recorder(folder, prepared, loaded.scene.output.every, advance)
             try:
                 summary = solve(problem, prepared.control, on_step=recorder, stop=stop)
