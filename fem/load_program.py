@@ -127,11 +127,11 @@ def _resolve(
             values = np.full(len(nodes), np.nan)
             if isinstance(load, Displacement):
                 values[:] = load.value(*space.nodes[nodes].T) if callable(load.value) else load.value
-            key = (place, component)
-            if key in constraints:
+            if (place, component) in constraints:
                 raise LoadError(f"stage {stage!r} prescribes component {component} of {place} twice")
-            constraints[key] = _Constraint(2 * nodes + COMPONENTS.index(component), values, place)
+            constraints[place, component] = _Constraint(2 * nodes + COMPONENTS.index(component), values, place)
         return
+    key: Key
     if isinstance(load, BodyForce):
         key = ("body force", load.region)
         cells = None if load.region is None else space.host_mesh.cells(load.region)

@@ -25,6 +25,8 @@ RENEWAL_COST = 10
 LARGEST_COUNT = 25
 # With a fresh factor of the same matrix, or of its symmetric part.
 LARGEST_COUNT_FRESH = 60
+# Where the symmetric part did not do, this many factorisations go straight to LU before it is tried again.
+LU_RENEWALS = 5
 
 
 class TangentSolver:
@@ -45,7 +47,8 @@ class TangentSolver:
         self._accounting = accounting
         self._keep = keep_factor
         self._factor: Factor | None = None
-        self._needs_lu = False
+        self._exact = False
+        self._lu_renewals = 0
         self._count_when_fresh: int | None = None
         self._excess = 0
 
@@ -53,15 +56,16 @@ class TangentSolver:
         """Forget the factor (another set of unknowns, or a tangent that has nothing to do with the last)."""
         self._factor = None
         self._excess = 0
-        self._needs_lu = False
+        self._lu_renewals = 0
 
-    def _renew(self, matrix: Callable[[], csr_matrix], lu: bool = False) -> None:
+    def _renew(self, matrix: Callable[[], csr_matrix]) -> None:
         values = matrix()
         self._factor = None
         self._excess = 0
         self._count_when_fresh = None
+        self._exact = not self._solver.symmetric_only
         with self._accounting.phase("factorise"):
-            if not lu:
+            if self._lu_renewals == 0:
                 try:
                     self._accounting.factorisations += 1
                     self._factor = self._solver.factorise(values)
@@ -70,7 +74,10 @@ class TangentSolver:
                     if not self._solver.symmetric_only:
                         raise
                     logger.info("%s: %s; using %s", self._solver.name, error, self._unsymmetric.name)
+                    self._lu_renewals = LU_RENEWALS
+            self._lu_renewals -= 1
             self._accounting.lu_fallbacks += 1
+            self._exact = True
             self._accounting.factorisations += 1
             self._factor = self._unsymmetric.factorise(values)
 
@@ -122,19 +129,17 @@ class TangentSolver:
             if not fresh:
                 self._renew(matrix)
                 fresh = True
-            elif self._solver.symmetric_only and not self._needs_lu:
-                # The symmetric part does not represent the matrix well enough: factorise the matrix itself.
-                self._needs_lu = True
-                self._renew(matrix, lu=True)
+            elif not self._exact:
+                logger.info("the symmetric part is no good preconditioner; using %s", self._unsymmetric.name)
+                self._lu_renewals = LU_RENEWALS
+                self._renew(matrix)
             elif result.residual <= 100 * tolerance:
                 break  # as far as rounding lets it come; Newton's own residual decides
             else:
-                self._needs_lu = False
                 raise FactorisationError(
                     f"the linear solve stalled at a relative residual of {result.residual / size:.1e}; "
                     "the tangent is (nearly) singular"
                 )
-        self._needs_lu = False
         if self._count_when_fresh is None:
             self._count_when_fresh = result.iterations
         self._excess += max(0, result.iterations - self._count_when_fresh)

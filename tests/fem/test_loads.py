@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from fem_meshes import ELASTIC, ELEMENTS, distorted, nodal, run
 
+from constitutive.linear_elastic import ElasticMaterial, LinearElasticLaw
 from fem.control import ControlError, StepControl
 from fem.loads import BodyForce, Displacement, Fixed, FixedPoint, LoadError, Pressure, Stage, Traction
 from fem.mesh import MeshError, rectangle
@@ -147,3 +148,31 @@ def test_a_node_told_the_same_twice_is_no_contradiction():
     loads = [Fixed("bottom"), Fixed("left", ("x",)), Displacement("top", "x", 0.0), FixedPoint((0.0, 0.0))]
     steps, summary = run(space, ELASTIC, [Stage("a", loads)])
     assert summary.finished and (steps[-1].displacement == 0.0).all()
+
+
+def test_two_materials_by_region():
+    # A column of two layers: the same stress in both, strains in the ratio of the moduli.
+    space = Space(rectangle(1.0, 1.0, 2, 4, "quad"), "Q2")
+    law = LinearElasticLaw([ElasticMaterial(E, NU), ElasticMaterial(4 * E, NU)])
+    upper = space.points[:, 1] > 0.5
+    steps, _ = run(
+        space,
+        law,
+        [Stage("press", [*ROLLERS, Pressure("top", 7.0)])],
+        StepControl(tolerance=1e-12),
+        material_index=upper,
+    )
+    np.testing.assert_allclose(steps[-1].stress[:, 1], -7.0, rtol=1e-9)
+    np.testing.assert_allclose(steps[-1].strain[:, 1], -7.0 / (OEDOMETRIC * np.where(upper, 4, 1)), rtol=1e-9)
+
+
+def test_nothing_left_to_solve_for():
+    space = Space(rectangle(1.0, 1.0, 1, 1), "P1")
+    loads = [
+        Displacement(side, component, lambda x, y: 1e-3 * x)
+        for side in ("bottom", "right", "top", "left")
+        for component in ("x", "y")
+    ]
+    steps, summary = run(space, ELASTIC, [Stage("all", loads)])
+    assert summary.finished and summary.counters["linear_solves"] == 0
+    np.testing.assert_allclose(steps[-1].strain, [[1e-3, 0.0, 1e-3]] * space.npoints, rtol=1e-12, atol=1e-18)
