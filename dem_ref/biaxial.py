@@ -72,7 +72,8 @@ class Segment:
     angle : float
         Direction of the (major compressive) axis from the x axis, radians.
     control, target
-        mixed: ``"stress"``/``"strain"`` and targets per component xx, yy, xy (tension positive, engineering shear strain).
+        mixed: ``"stress"``/``"strain"`` and targets per component xx, yy, xy (tension positive, engineering shear
+        strain).
     """
 
     kind: str = "biaxial"
@@ -96,7 +97,9 @@ class Segment:
         raise SampleError(f"the kind of a segment is '{self.kind}', legal are {', '.join(KINDS)}")
 
 
-def biaxial_test(path: str = "constant_pressure", stress_ratio: float = 0.3, shear_strain: float = 5.0e-3) -> list[Segment]:
+def biaxial_test(
+    path: str = "constant_pressure", stress_ratio: float = 0.3, shear_strain: float = 5.0e-3
+) -> list[Segment]:
     """Biaxial compression along y to a stress ratio (or a strain, if that comes first)."""
     return [Segment("biaxial", path, shear_strain, stress_ratio)]
 
@@ -166,7 +169,7 @@ class DemRun:
         self.motion.stress[:] = love_weber_stress(self.motion.sample)
         self.initial_pressure = stress_invariants(self.motion.stress)[0]
         if self.initial_pressure <= 0.0:
-            raise SampleError(f"the sample's mean pressure is {self.initial_pressure:.4g} Pa, a run needs a compressed sample")
+            raise SampleError(f"the mean pressure is {self.initial_pressure:.4g} Pa, a run needs a compressed sample")
         self.segment = 0
         self.rows: list[list[float]] = []
         self.finished = False
@@ -199,10 +202,11 @@ class DemRun:
     def history(self) -> dict[str, NDArray[np.float64]]:
         """Columns of the history so far; see `HISTORY_COLUMNS`.
 
-        Stress and strain tension positive, `strain_xy` the engineering shear strain; anisotropies as components along the axis of the first
-        segment, and as double-angle vectors (``_xx``: cos 2 theta, ``_xy``: sin 2 theta); `coordination` over all
-        particles; `mean_normal_force` over its initial value; gained, lost and persisting parts added up over the records;
-        inertial number and unbalanced force are the largest since the record before; energies in J per metre.
+        Stress and strain tension positive, `strain_xy` the engineering shear strain; anisotropies as components along
+        the axis of the first segment, and as double-angle vectors (``_xx``: cos 2 theta, ``_xy``: sin 2 theta);
+        `coordination` over all particles; `mean_normal_force` over its initial value; gained, lost and persisting parts
+        added up over the records; inertial number and unbalanced force are the largest since the record before;
+        energies in J per metre.
         """
         table = np.array(self.rows)
         return {name: table[:, k].copy() for k, name in enumerate(HISTORY_COLUMNS)}
@@ -280,7 +284,8 @@ class DemRun:
         along = self.axis
         self.rows.append(
             [
-                float(len(self.rows)), sample.strain[0], sample.strain[1], 2.0 * sample.strain[2], *stress, p, q, z.all_particles, z.without_rattlers,
+                float(len(self.rows)), sample.strain[0], sample.strain[1], 2.0 * sample.strain[2], *stress, p, q,
+                z.all_particles, z.without_rattlers,
                 component_along(fabric, along), component_along(forces.normal, along),
                 component_along(forces.tangential, along), forces.mean / self._initial_force,
                 sliding_fraction(sample, contacts), self._gained, self._lost,
@@ -365,14 +370,16 @@ class DemRun:
         run._recorded_stress, run._recorded_strain = numbers[13:16].copy(), numbers[16:19].copy()
         run._largest = numbers[19:21].copy()
         names = ("first", "second", "image", "normal", "length", "normal_force", "tangential_force")
-        parts = [arrays[f"contact_{name}"] for name in names]
-        run._reference = Contacts(*parts, key=parts[0] * sample.count + parts[1])
+        parts = {name: arrays[f"contact_{name}"] for name in names}
+        run._reference = Contacts(**parts, key=parts["first"] * sample.count + parts["second"])
         state = arrays["leg_state"]
         run._leg_state = LegState.from_array(state) if len(state) else None
         return run
 
 
-def at_stress_ratios(history: dict[str, NDArray[np.float64]], levels: Sequence[float]) -> dict[str, NDArray[np.float64]]:
+def at_stress_ratios(
+    history: dict[str, NDArray[np.float64]], levels: Sequence[float]
+) -> dict[str, NDArray[np.float64]]:
     """Linear interpolation of every column where q/p first passes each level; NaN where it never does."""
     ratio = history["q"] / history["p"]
     out = {name: np.full(len(levels), np.nan) for name in history}

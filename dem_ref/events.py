@@ -111,5 +111,8 @@ def directional_change(before: Contacts, after: Contacts, bins: int = 12) -> Dir
     present = count(before.normal)
     divide = np.maximum(present, 1)
     return DirectionalChange(
-        np.arange(bins) * np.pi / bins, present, count(before.normal[m.lost]) / divide, count(after.normal[m.gained]) / divide
+        np.arange(bins) * np.pi / bins,
+        present,
+        count(before.normal[m.lost]) / divide,
+        count(after.normal[m.gained]) / divide,
     )

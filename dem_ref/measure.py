@@ -1,8 +1,8 @@
 """Measures of a sample, each written from its definition.
 
 Directions: a contact normal at angle theta from the x axis enters through ``e = (cos 2 theta, sin 2 theta)``; second
-harmonics are vectors in this double-angle plane. Forces are N per metre of thickness, compression positive; stresses are
-tension positive, order xx, yy, xy.
+harmonics are vectors in this double-angle plane. Forces are N per metre of thickness, compression positive; stresses
+are tension positive, order xx, yy, xy.
 """
 
 from __future__ import annotations
@@ -106,7 +106,9 @@ def bearing_particles(count: int, contacts: Contacts, minimum: int) -> NDArray[n
     alive = np.ones(count, bool)
     while True:
         both = alive[contacts.first] & alive[contacts.second]
-        number = np.bincount(contacts.first[both], minlength=count) + np.bincount(contacts.second[both], minlength=count)
+        number = np.bincount(contacts.first[both], minlength=count) + np.bincount(
+            contacts.second[both], minlength=count
+        )
         left = alive & (number >= minimum)
         if np.array_equal(left, alive):
             return alive

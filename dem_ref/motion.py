@@ -1,21 +1,21 @@
 """Motion of frictional disks in a deforming periodic cell: the compiled core of the DEM.
 
 Per contact a linear normal spring (no tension), a linear tangential spring with history, and Coulomb's limit
-``|ft| <= mu fn``. Particles follow the homogeneous deformation of the cell without inertia; what they move beyond it has
-inertia and is damped by a drag proportional to that extra velocity. In the quasi-static limit neither mass nor drag
+``|ft| <= mu fn``. Particles follow the homogeneous deformation of the cell without inertia; what they move beyond it
+has inertia and is damped by a drag proportional to that extra velocity. In the quasi-static limit neither mass nor drag
 matters, so both are chosen for speed:
 
 - every particle has the same mass m and the rotational inertia m r^2, the rotation being carried as the displacement of
-  the surface. Then the stiffest possible mode (six contacts a particle, kt = kn) has ``omega^2 = 12 kn/m`` and the step is
-  given as the number ``step = dt sqrt(kn/m)``, critical at ``2/sqrt(12) = 0.577``;
+  the surface. Then the stiffest possible mode (six contacts a particle, kt = kn) has ``omega^2 = 12 kn/m``. The step is
+  given as the number ``step = dt sqrt(kn/m)``, critical at ``2/sqrt(12) = 0.577``; the default is 0.7 of that;
 - the drag is the number ``damping``, so that ``v(+1/2) = ((1 - damping) v(-1/2) + F dt/m)/(1 + damping)``.
 
 Displacements in a dense packing are far smaller than disks. Directions and lengths of branch vectors are therefore kept
 from one *refresh* to the next and only the overlap and the tangential elongation are integrated in between; a refresh
 computes them anew from the positions as soon as any pair may have moved by more than `refresh` mean diameters relative
-to each other (default 2e-5, a fifth of the mean overlap at kn/p = 1e4): a direction is never off by more than 2e-5 rad and
-an overlap by more than the square of that. (Likewise the lever arms of tangential forces are the radii, not the radii less
-half the overlap; both are errors of the order of overlap over diameter.) Pairs that cannot touch before the next refresh are left out.
+to each other (default 2e-5, a fifth of the mean overlap at kn/p = 1e4): a direction is never off by more than 2e-5 rad
+and an overlap by more than the square of that. (Likewise the lever arms of tangential forces are the radii, not the
+radii less half the overlap.) Pairs that cannot touch before the next refresh are left out.
 
 Inside compiled code stresses and strains are tension positive, order xx, yy, xy (tensor shear strain).
 """
@@ -35,6 +35,7 @@ from dem_ref.sample import Sample, SampleError
 STEP = 0.4
 DAMPING = 0.06
 SKIN = 0.03
+LARGEST_SKIN = 0.1
 REFRESH = 2.0e-5
 
 # indices of the tally (energies since the start of the motion) and of the measures of the last step
@@ -46,8 +47,8 @@ _FAST = {"contract", "nsz", "nnan", "arcp"}  # no reassociation: the order of su
 
 @compiled(fastmath=_FAST)
 def _refresh(
-    position, radius, cell, rate, velocity, first, second, image, tangential, margin, active_first, active_second, branch,
-    source,
+    position, radius, cell, rate, velocity, first, second, image, tangential, margin, active_first, active_second,
+    branch, source,
 ):  # fmt: skip
     """Exact geometry of all pairs with a gap below `margin`; returns their number.
 
@@ -153,9 +154,7 @@ def _advance(
         sxx /= area
         syy /= area
         sxy /= area
-        tally[WORK] += (
-            0.5 * area * ((sxx + stress[0]) * lxx + (syy + stress[1]) * lyy + 2.0 * (sxy + stress[2]) * lxy)
-        )
+        tally[WORK] += 0.5 * area * ((sxx + stress[0]) * lxx + (syy + stress[1]) * lyy + 2.0 * (sxy + stress[2]) * lxy)
         tally[FRICTION_HEAT] += kt * slip
         stress[0] = sxx
         stress[1] = syy
@@ -262,14 +261,22 @@ class Motion:
     """
 
     def __init__(
-        self, sample: Sample, *, step: float = STEP, damping: float = DAMPING, skin: float = SKIN, refresh: float = REFRESH
+        self,
+        sample: Sample,
+        *,
+        step: float = STEP,
+        damping: float = DAMPING,
+        skin: float = SKIN,
+        refresh: float = REFRESH,
     ) -> None:
         if not 0.0 < step <= 0.5:
             raise SampleError(f"step is {step}, legal are 0 < dt sqrt(kn/m) <= 0.5")
         if not 0.0 <= damping < 1.0:
             raise SampleError(f"damping is {damping}, legal are 0 <= damping < 1")
-        if not 0.0 < 4.0 * refresh <= skin:
-            raise SampleError(f"refresh is {refresh} with skin {skin}, legal are 0 < refresh <= skin/4")
+        if not 0.0 < 4.0 * refresh <= skin <= LARGEST_SKIN:
+            raise SampleError(
+                f"refresh is {refresh} with skin {skin}, legal are 0 < refresh <= skin/4 and skin <= {LARGEST_SKIN}"
+            )
         self.sample = sample
         self.step = step
         self.damping = damping
@@ -280,7 +287,8 @@ class Motion:
         diameter = sample.mean_diameter
         self._skin = skin * diameter
         self._refresh = refresh * diameter
-        self._longest = 2.0 * float(sample.radius.max()) + self._skin
+        # not the skin itself: when directions are computed anew must not depend on it
+        self._longest = 2.0 * float(sample.radius.max()) + LARGEST_SKIN * diameter
         self._velocity = np.zeros((sample.count, 4))
         self._velocity[:, :2] = sample.velocity
         self._velocity[:, 2] = sample.spin
@@ -313,8 +321,8 @@ class Motion:
             first, second, branch, source = self._arrays
             pairs = sample.pairs
             count = _refresh(
-                sample.position, sample.radius, sample.cell, sample.strain_rate, self._velocity, pairs.first, pairs.second,
-                pairs.image, pairs.tangential, 2.0 * self._refresh, first, second, branch, source,
+                sample.position, sample.radius, sample.cell, sample.strain_rate, self._velocity, pairs.first,
+                pairs.second, pairs.image, pairs.tangential, 2.0 * self._refresh, first, second, branch, source,
             )  # fmt: skip
             # a single step may overshoot the allowed travel; the margin of two leaves room for one such step
             done += _advance(

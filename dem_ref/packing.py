@@ -45,8 +45,8 @@ class PackingOptions:
     diameter_ratio : float
         Largest over smallest diameter.
     distribution : str
-        ``uniform`` by number, ``uniform_area`` (each diameter class has the same area), ``bidisperse`` (half and half by
-        number), ``monodisperse``.
+        ``uniform`` by number, ``uniform_area`` (each diameter class has the same area), ``bidisperse`` (half and half
+        by number), ``monodisperse``.
     mean_diameter : float
         Mean diameter by number, m.
     """
@@ -139,7 +139,7 @@ def make_packing(
         pressure *= PRESSURE_FACTOR
     if not relaxed.converged:
         raise PackingError(
-            f"the packing of {count} disks (seed {seed}) did not come to rest: unbalanced force {relaxed.unbalanced:.2g}"
+            f"the packing of {count} disks, seed {seed}, is not at rest: unbalanced force {relaxed.unbalanced:.2g}"
         )
     report("packed", 1.0)
     scale = options.mean_diameter

@@ -55,7 +55,12 @@ class Probe:
 
 
 def stress_probe(
-    sample: Sample, dp: float, dq: float, angle: float = np.pi / 2, limits: RateLimits | None = None, steps: int = 2_000_000
+    sample: Sample,
+    dp: float,
+    dq: float,
+    angle: float = np.pi / 2,
+    limits: RateLimits | None = None,
+    steps: int = 2_000_000,
 ) -> Probe:
     """Add a stress increment and let the sample settle; the sample itself is not changed.
 
@@ -74,7 +79,12 @@ def stress_probe(
         raise ProbeError(f"the probe dp = {dp:.4g}, dq = {dq:.4g} did not settle within {steps} steps")
     c0, c1 = contacts_of(sample), contacts_of(after)
     return Probe(
-        after, love_weber_stress(after) - stress, after.strain - sample.strain, c0, c1, network_change(c0, c1, sample.count)
+        after,
+        love_weber_stress(after) - stress,
+        after.strain - sample.strain,
+        c0,
+        c1,
+        network_change(c0, c1, sample.count),
     )
 
 
@@ -153,11 +163,20 @@ def _shear(probe: Probe) -> float:
     return float(stress @ strain / (strain @ strain))
 
 
+def settled(sample: Sample, limits: RateLimits | None = None) -> Sample:
+    """A copy held at its stress until it has come to rest."""
+    return stress_probe(sample, 0.0, 0.0, limits=limits or ELASTIC_LIMITS).sample
+
+
 def shear_modulus(sample: Sample, size: float = ELASTIC_PROBE) -> float:
-    """Elastic shear modulus ``dq/d(eps_1 - eps_2)`` from a small unloading of the deviator (or, at q = 0, a loading), Pa."""
-    p, q, angle = stress_invariants(love_weber_stress(sample))
-    dq = -size * p if q > size * p else size * p
-    return _shear(stress_probe(sample, 0.0, dq, angle, limits=ELASTIC_LIMITS))
+    """Elastic shear modulus ``dq/d(eps_1 - eps_2)``, Pa: from a small unloading of the deviator, at q = 0 a loading.
+
+    The sample is held at its stress first, so that no creep of an unfinished loading enters.
+    """
+    rest = settled(sample)
+    p, q, angle = stress_invariants(love_weber_stress(rest))
+    dq = -size * p if q > 2.0 * size * p else size * p
+    return _shear(stress_probe(rest, 0.0, dq, angle, limits=ELASTIC_LIMITS))
 
 
 def measure_elasticity(sample: Sample, size: float = ELASTIC_PROBE) -> tuple[ElasticModuli, WeakContacts]:
@@ -239,8 +258,8 @@ class LoopResult:
 def loading_loop(sample: Sample, stress_ratio: float = 0.2, limits: RateLimits | None = None) -> LoopResult:
     """Load an isotropic sample at constant p to `stress_ratio`, unload to q = 0; measure c_n and c_w.
 
-    In the quartiles (a normal distribution has 1.349 standard deviations between them) lost contacts count as lowest, so
-    that the loss of the weakest does not narrow the scatter.
+    In the quartiles (a normal distribution has 1.349 standard deviations between them) lost contacts count as lowest,
+    so that the loss of the weakest does not narrow the scatter.
     """
     current = sample.copy()
     motion = Motion(current)

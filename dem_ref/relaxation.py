@@ -34,7 +34,21 @@ STRESS_XX, STRESS_YY, STRESS_XY, UNBALANCED, CONTACT_FORCE, CONTACTS, TRAVEL = r
 
 @compiled(fastmath={"contract", "nsz", "nnan", "arcp"})
 def _relax(
-    steps, position, velocity, radius, cell, cell_velocity, first, second, code, force, pressure, room, fixed, control, out
+    steps,
+    position,
+    velocity,
+    radius,
+    cell,
+    cell_velocity,
+    first,
+    second,
+    code,
+    force,
+    pressure,
+    room,
+    fixed,
+    control,
+    out,
 ):
     """FIRE steps until `steps` are done or two disks may have come closer than the skin; returns the steps done."""
     n = position.shape[0]
@@ -213,8 +227,8 @@ def relax(
         room = width
         while room > 0.0 and done < steps:
             done += _relax(
-                min(200, steps - done), position, velocity, radius, cell, cell_velocity, pairs.first, pairs.second, code,
-                force, pressure, room, fixed_cell, control, out,
+                min(200, steps - done), position, velocity, radius, cell, cell_velocity, pairs.first, pairs.second,
+                code, force, pressure, room, fixed_cell, control, out,
             )  # fmt: skip
             room -= out[TRAVEL]
             scale = out[CONTACT_FORCE]
@@ -226,4 +240,6 @@ def relax(
         # a list that lasts for less than 20 steps is too thin, one that lasts for hundreds too thick
         lasted = done - started
         width = min(0.4, width * 1.5) if lasted < 20 else (max(0.02, width / 1.5) if lasted > 200 else width)
-    return Relaxed(done, False, out[:3].copy(), float(out[UNBALANCED] / max(out[CONTACT_FORCE], 1e-300)), int(out[CONTACTS]))
+    return Relaxed(
+        done, False, out[:3].copy(), float(out[UNBALANCED] / max(out[CONTACT_FORCE], 1e-300)), int(out[CONTACTS])
+    )

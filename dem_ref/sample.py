@@ -1,7 +1,7 @@
 """A sample of disks in a periodic cell: everything that has to be kept to continue from it.
 
-Units of a `Sample`: lengths in any unit, stiffness in Pa (force per length and per metre of thickness), stress in Pa. Time
-does not appear: velocities are displacements per step, masses follow from the step (see `motion`).
+Units of a `Sample`: lengths in any unit, stiffness in Pa (force per length and per metre of thickness), stress in Pa.
+Time does not appear: velocities are displacements per step, masses follow from the step (see `motion`).
 """
 
 from __future__ import annotations
@@ -96,7 +96,9 @@ class Sample:
         """An independent copy."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         pairs = self.pairs
-        values["pairs"] = NearPairs(pairs.first.copy(), pairs.second.copy(), pairs.image.copy(), pairs.tangential.copy())
+        values["pairs"] = NearPairs(
+            pairs.first.copy(), pairs.second.copy(), pairs.image.copy(), pairs.tangential.copy()
+        )
         for name, value in values.items():
             if isinstance(value, np.ndarray):
                 values[name] = value.copy()
@@ -164,7 +166,7 @@ def new_sample(
 def _check_disks(position: NDArray, radius: NDArray, cell: NDArray) -> None:
     if radius.ndim != 1 or len(radius) < 1 or position.shape != (len(radius), 2) or cell.shape != (2, 2):
         raise SampleError(
-            f"disks need position (n, 2), radius (n,) and cell (2, 2); got {position.shape}, {radius.shape}, {cell.shape}"
+            f"disks need position (n, 2), radius (n,), cell (2, 2); got {position.shape}, {radius.shape}, {cell.shape}"
         )
     if not (np.isfinite(position).all() and np.isfinite(radius).all() and np.isfinite(cell).all()):
         raise SampleError("positions, radii and cell must be finite")

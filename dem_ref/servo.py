@@ -54,8 +54,8 @@ class RateLimits:
     def check(self) -> None:
         """Raise `SampleError` on the first value out of bounds."""
         bounds = {
-            "inertial_number": (1e-12, 0.1), "unbalanced_force": (1e-8, 1.0), "response": (5.0, 1e5), "lag": (1e-6, 1.0),
-            "chunk": (1, 100_000),
+            "inertial_number": (1e-12, 0.1), "unbalanced_force": (1e-8, 1.0), "response": (5.0, 1e5),
+            "lag": (1e-6, 1.0), "chunk": (1, 100_000),
         }  # fmt: skip
         for name, (low, high) in bounds.items():
             value = getattr(self, name)
@@ -127,8 +127,8 @@ def invariant_leg(p: float, q: float, angle: float, hold: bool = True) -> Leg:
     p, q : float
         Pa; p > q >= 0.
     angle : float
-        Direction of the major compressive stress from the x axis, radians; not reduced, so that more than half a turn
-        can be asked for. From an isotropic state the path starts in the final direction.
+        Direction of the major compressive stress from the x axis, radians. The axes turn the shorter way, so that one
+        leg turns them by a right angle at most. From an isotropic state the path starts in the final direction.
     """
     if not (np.isfinite([p, q, angle]).all() and p > q >= 0.0):
         raise SampleError(f"the target p = {p}, q = {q} is not a compressive stress with p > q >= 0")
@@ -139,8 +139,7 @@ def invariant_leg(p: float, q: float, angle: float, hold: bool = True) -> Leg:
             start = to_vector(stress)
             return (1 - s) * start + s * to_vector(stress_from_invariants(p, q, angle))
         turn = angle - angle0
-        if abs(turn) < pi:
-            turn -= pi * round(turn / pi)
+        turn -= pi * round(turn / pi)
         at = stress_from_invariants(p0 + s * (p - p0), q0 + s * (q - q0), angle0 + s * turn)
         return to_vector(at)
 
@@ -258,9 +257,9 @@ class LegState:
         """Inverse of `to_array`."""
         if a.shape != (14,):
             raise SampleError(f"a stored state of a leg has 14 numbers, not {a.shape}")
-        return LegState(
-            float(a[0]), float(a[1]), float(a[2]), a[5:8].copy(), a[8:11].copy(), a[11:14].copy(), float(a[3]), float(a[4])
-        )
+        progress, pace, settled, inertial_number, unbalanced = (float(v) for v in a[:5])
+        vectors = (a[5:8].copy(), a[8:11].copy(), a[11:14].copy())
+        return LegState(progress, pace, settled, *vectors, inertial_number, unbalanced)
 
 
 GROWTH, CUT = 1.25, 0.5
@@ -270,7 +269,9 @@ SETTLED_CHUNKS = 5.0
 class Loading:
     """Moves a sample along one leg, chunk by chunk."""
 
-    def __init__(self, motion: Motion, leg: Leg, limits: RateLimits | None = None, state: LegState | None = None) -> None:
+    def __init__(
+        self, motion: Motion, leg: Leg, limits: RateLimits | None = None, state: LegState | None = None
+    ) -> None:
         self.motion = motion
         self.leg = leg
         self.limits = limits or RateLimits()
@@ -314,16 +315,16 @@ class Loading:
         unit_rate = limits.inertial_number * motion.step * sqrt(pressure / motion.sample.normal_stiffness)
         ahead = state.progress
         if ahead < 1.0 and error <= limits.lag * pressure:
-            per_progress = self._strain_of((self._values(min(ahead + 1e-4, 1.0), state) - state.target), compliance) / max(
-                min(ahead + 1e-4, 1.0) - ahead, 1e-12
-            )
+            probe = min(ahead + 1e-4, 1.0)
+            per_progress = self._strain_of(self._values(probe, state) - state.target, compliance) / (probe - ahead)
             if state.pace == 0.0:
                 state.pace = 0.1 * unit_rate
             ahead = min(1.0, ahead + limits.chunk * min(state.pace, unit_rate) / max(per_progress, 1e-300))
         goal = self._values(ahead, state)
         rate = (goal - state.target) / limits.chunk
         drive = np.where(controlled, rate, 0.0)
-        drive[free] = compliance[np.ix_(free, free)] @ (rate[free] - stiffness[np.ix_(free, controlled)] @ drive[controlled])
+        coupled = stiffness[np.ix_(free, controlled)] @ drive[controlled]
+        drive[free] = compliance[np.ix_(free, free)] @ (rate[free] - coupled)
         gain = compliance / limits.response
         # from directions to components: strain six-vector = q^T (.), stress in directions = q (six-vector)
         scale = np.array([1.0, 1.0, ROOT2])

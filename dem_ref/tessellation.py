@@ -59,7 +59,8 @@ def radical_neighbours(sample: Sample) -> RadicalNeighbours:
     reduced -= wrap
     heights = cell_heights(cell)
     parts, bases, images = [], [], []
-    margin = min(6.0, 0.99 * min(heights))
+    spacing = float(np.sqrt(np.linalg.det(cell) / n))
+    margin = min(6.0 * max(1.0, spacing), 0.99 * min(heights))
     pad = [margin / h for h in heights]
     for a in (-1, 0, 1):
         for b in (-1, 0, 1):

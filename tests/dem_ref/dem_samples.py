@@ -12,7 +12,12 @@ def two_disks(gap: float, stiffness: float = 1.0, friction: float = 0.5, radius:
     distance = 2 * radius + gap
     position = np.array([[6.0 - distance / 2, 6.0], [6.0 + distance / 2, 6.0]])
     return new_sample(
-        position, np.full(2, radius), 12.0 * np.eye(2), normal_stiffness=stiffness, friction=friction, stiffness_ratio=1.0
+        position,
+        np.full(2, radius),
+        12.0 * np.eye(2),
+        normal_stiffness=stiffness,
+        friction=friction,
+        stiffness_ratio=1.0,
     )
 
 

@@ -17,7 +17,7 @@ def colliding(speed: float, across: float = 0.0, friction: float = 0.0, step: fl
 
 
 def test_head_on_collision_reverses_velocity_after_half_a_period():
-    """Spring of stiffness kn between two masses m: omega = sqrt(2 kn/m), so the contact lasts pi/(step sqrt 2) steps."""
+    """Spring of stiffness kn between two masses m: omega = sqrt(2 kn/m), the contact lasts pi/(step sqrt 2) steps."""
     step, speed = 0.01, 1e-6
     motion = colliding(speed, step=step)
     lasted, deepest = 0, 0.0
@@ -74,7 +74,7 @@ def test_momentum_and_moment_of_momentum_are_conserved():
     motion.run(400)
     assert np.abs(sample.velocity.sum(axis=0)).max() < 1e-15 * 1e-6 * 400
     assert np.abs(sample.spin).min() > 1e-7  # the collision did exchange moment
-    # lever arms are radii: an error of the order of overlap over radius, 1e-4, of what is exchanged; the leapfrog adds step^2
+    # lever arms are radii: an error of the order of overlap over radius of what is exchanged; the leapfrog adds step^2
     assert moment() == pytest.approx(before, rel=2e-3)
 
 

@@ -1,0 +1,146 @@
+"""The motion of a packing: independence of choices that must not matter, energy, periodicity, rotation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dem_ref.biaxial import DemRun, RunOptions, Segment, at_stress_ratios
+from dem_ref.measure import contacts_of, fabric_anisotropy, force_harmonics, love_weber_stress
+from dem_ref.motion import Control, Motion
+from dem_ref.sample import Sample, SampleError
+from dem_ref.servo import Loading, RateLimits, biaxial_leg
+
+PURE_SHEAR = Control(drive=np.array([2.0e-9, -2.0e-9, 0.5e-9]))
+
+
+def sheared(sample: Sample, steps: int = 5000, control: Control = PURE_SHEAR, **choices) -> Motion:
+    motion = Motion(sample.copy(), **choices)
+    motion.run(steps, control)
+    return motion
+
+
+def test_result_does_not_depend_on_the_skin(packing):
+    """Pairs beyond contact add nothing and the order of summation is fixed: equal to the last bit."""
+    a = sheared(packing, 20_000, skin=1e-4, refresh=2e-5)
+    b = sheared(packing, 20_000, skin=0.05, refresh=2e-5)
+    assert a.rebuilds > b.rebuilds
+    assert np.array_equal(a.sample.position, b.sample.position)
+    assert np.array_equal(a.stress, b.stress)
+
+
+def test_result_hardly_depends_on_the_refresh_of_directions(packing):
+    """Directions are off by at most `refresh`, so forces by that share; stress changes follow within a few of it."""
+    a = sheared(packing, refresh=2e-5)
+    b = sheared(packing, refresh=1e-7)
+    assert b.refreshes > 20 * a.refreshes
+    change = np.abs(b.stress - love_weber_stress(packing)).max()
+    assert np.abs(a.stress - b.stress).max() < 2e-3 * change
+
+
+def test_runs_are_reproducible_to_the_last_bit(packing):
+    a, b = sheared(packing), sheared(packing)
+    assert np.array_equal(a.sample.position, b.sample.position)
+    assert np.array_equal(a.sample.pairs.tangential, b.sample.pairs.tangential)
+
+
+def test_periodic_images_do_not_matter(packing):
+    """The same packing with particles moved by whole cell vectors, shifted, and described by a sheared cell."""
+    random = np.random.default_rng(3)
+    other = packing.copy()
+    images = random.integers(-1, 2, size=(packing.count, 2))
+    other.position += images @ packing.cell
+    first, second = other.pairs.first, other.pairs.second
+    other.pairs.image += (images[first] - images[second]).astype(np.int8)
+    other.cell[1] += other.cell[0]
+    other.pairs.image[:, 0] -= other.pairs.image[:, 1]
+    # images by whole cells are the same forces already before anything moves
+    assert love_weber_stress(other) == pytest.approx(love_weber_stress(packing), rel=1e-9, abs=1e-5)
+    a, b = sheared(packing, 2000), sheared(other, 2000)
+    scale = np.abs(a.stress).max()
+    # positions carry 1e-14 of the cell; over an overlap of 1e-4 that is 1e-9 of a force; contacts may open a step apart
+    assert np.abs(a.stress - b.stress).max() < 1e-6 * scale
+    shifted = packing.copy()
+    shifted.position += (0.37, -0.11)
+    assert np.abs(sheared(shifted, 2000).stress - a.stress).max() < 1e-6 * scale
+
+
+def test_rotating_the_sample_rotates_every_measure(packing):
+    angle = 0.4
+    turned = packing.rotated(angle)
+    a, b = Motion(packing.copy()), Motion(turned)
+    for motion, axis in ((a, np.pi / 2), (b, np.pi / 2 + angle)):
+        assert Loading(motion, biaxial_leg("constant_pressure", 4e-5, angle=axis)).run(20_000)
+    c, s = np.cos(2 * angle), np.sin(2 * angle)
+    turn = np.array([[c, -s], [s, c]])  # double-angle vectors turn by twice the angle
+    ca, cb = contacts_of(a.sample), contacts_of(b.sample)
+    assert ca.count == cb.count
+    assert fabric_anisotropy(cb) == pytest.approx(turn @ fabric_anisotropy(ca), abs=1e-6)
+    fa, fb = force_harmonics(ca), force_harmonics(cb)
+    assert fb.normal == pytest.approx(turn @ fa.normal, abs=1e-5)
+    assert fb.tangential == pytest.approx(turn @ fa.tangential, abs=1e-5)
+    assert fb.mean == pytest.approx(fa.mean, rel=1e-5)
+    for measure in ("stress", "strain"):
+        va = a.stress if measure == "stress" else a.sample.strain
+        vb = b.stress if measure == "stress" else b.sample.strain
+        deviator = turn @ np.array([(va[0] - va[1]) / 2, va[2]])
+        assert np.array([(vb[0] - vb[1]) / 2, vb[2]]) == pytest.approx(deviator, abs=1e-5 * np.abs(va).max())
+
+
+@pytest.mark.parametrize("path", ["constant_pressure", "constant_lateral_stress"])
+def test_energy_balance_closes(packing, path):
+    """Work done = elastic energy + friction + drag (kinetic energy is nothing here), to 0.1 per cent of the work."""
+    run = DemRun(packing, RunOptions((Segment("biaxial", path, 5e-3, 0.25),)))
+    assert run.execute()
+    h = run.history()
+    stored = h["elastic_energy"][-1] - h["elastic_energy"][0]
+    rest = h["work"][-1] - stored - h["friction_heat"][-1] - h["drag_heat"][-1]
+    assert abs(rest) < 1e-3 * h["work"][-1]
+    # and every part is there: a balance of zeros proves nothing
+    assert min(stored, h["friction_heat"][-1]) > 1e-2 * h["work"][-1]
+    assert h["drag_heat"][-1] > 1e-4 * h["work"][-1]
+    assert run.motion.energies()["kinetic"] < 1e-4 * h["work"][-1]
+
+
+def test_momentum_of_a_packing_stays_zero(packing):
+    motion = sheared(packing, 5000)
+    total = np.abs(motion.sample.velocity.sum(axis=0)).max()
+    assert total < 1e-10 * np.abs(motion.sample.velocity).sum()
+
+
+@pytest.mark.slow
+def test_same_curve_at_half_the_rate_and_with_half_the_step(large_packing):
+    """Different rates take different contact events; curves agree within a fraction of the change they describe."""
+    levels = [0.1, 0.2]
+
+    def curve(limits: RateLimits, step: float) -> dict:
+        run = DemRun(large_packing, RunOptions((Segment(stress_ratio=0.21),), limits, step=step))
+        run.execute()
+        return at_stress_ratios(run.history(), levels)
+
+    base = RateLimits()
+    half = RateLimits(0.5 * base.inertial_number, 0.5 * base.unbalanced_force)
+    reference = curve(base, 0.4)
+    z0 = 2.0 * contacts_of(large_packing).count / large_packing.count
+    for other in (curve(half, 0.4), curve(base, 0.2)):
+        lost = z0 - reference["coordination"]
+        assert np.all(np.abs(other["coordination"] - reference["coordination"]) < 0.06 * lost)
+        assert np.all(np.abs(other["fabric_anisotropy"] - reference["fabric_anisotropy"]) < 0.005)
+        assert np.all(np.abs(other["normal_force_anisotropy"] - reference["normal_force_anisotropy"]) < 0.01)
+
+
+@pytest.mark.parametrize(
+    "choice",
+    [
+        {"step": 0.6},
+        {"step": 0.0},
+        {"damping": 1.0},
+        {"damping": -0.1},
+        {"skin": 1e-5},
+        {"skin": 0.2},
+        {"refresh": 0.0},
+    ],
+)
+def test_unstable_choices_are_refused(packing, choice):
+    with pytest.raises(SampleError, match=next(iter(choice))):
+        Motion(packing.copy(), **choice)

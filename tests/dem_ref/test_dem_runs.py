@@ -1,0 +1,191 @@
+"""Runs with history and checkpoints, probes and the material table."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dem_ref.biaxial import (
+    HISTORY_COLUMNS,
+    DemRun,
+    RunOptions,
+    Segment,
+    at_stress_ratios,
+    biaxial_test,
+    loading_cycles,
+    principal_rotation,
+)
+from dem_ref.events import directional_change, match_contacts
+from dem_ref.material import CLOSURE_KEYS, MATERIAL_KEYS, measure_material
+from dem_ref.measure import contacts_of, coordination_number, fabric_anisotropy
+from dem_ref.probes import loading_loop, measure_elasticity, shear_modulus, stress_probe
+from dem_ref.sample import Sample, SampleError
+
+P = 1e5
+
+
+@pytest.fixture(scope="module")
+def biaxial(large_packing) -> DemRun:
+    run = DemRun(large_packing, RunOptions(tuple(biaxial_test(stress_ratio=0.3))))
+    assert run.execute()
+    return run
+
+
+def test_history_has_its_columns_and_starts_at_the_packing(biaxial, large_packing):
+    h = biaxial.history()
+    assert tuple(h) == HISTORY_COLUMNS
+    assert h["coordination"][0] == coordination_number(large_packing).all_particles
+    assert h["mean_normal_force"][0] == 1.0
+    assert h["q"][0] / h["p"][0] < 1e-4
+    assert np.all(np.diff(h["dem_steps"]) > 0)
+    assert h["q"][-1] / h["p"][-1] == pytest.approx(0.3, abs=0.005)
+    assert np.diff(h["q"] / h["p"]).max() < 0.02
+
+
+def test_gained_and_lost_close_over_the_history(biaxial):
+    h = biaxial.history()
+    assert h["coordination"] - h["coordination"][0] == pytest.approx(
+        h["coordination_gained"] - h["coordination_lost"], abs=1e-12
+    )
+    parts = h["fabric_gained"] + h["fabric_lost"] + h["fabric_persisting"]
+    assert h["fabric_anisotropy"] - h["fabric_anisotropy"][0] == pytest.approx(parts, abs=1e-12)
+    # at small strain the network changes by loss; turning of contacts is of the order of the strain
+    assert abs(h["fabric_persisting"][-1]) < 0.01 * h["fabric_lost"][-1]
+
+
+def test_stress_force_fabric_relation_holds_along_the_path(biaxial):
+    """q/p = (a_c + a_n + a_t)/2 up to products of anisotropies and the grading, a few per cent."""
+    h = biaxial.history()
+    late = h["q"] / h["p"] > 0.1
+    total = 0.5 * (h["fabric_anisotropy"] + h["normal_force_anisotropy"] + h["tangential_force_anisotropy"])
+    assert total[late] == pytest.approx((h["q"] / h["p"])[late], rel=0.06)
+
+
+def test_known_behaviour_at_constant_pressure(biaxial, large_packing):
+    """Loss of contacts mostly in the minor direction; a_t about a third of the sum; weak change of the mean force."""
+    at = at_stress_ratios(biaxial.history(), [0.2])
+    assert 0.03 < 1 - at["coordination"][0] / biaxial.history()["coordination"][0] < 0.08
+    assert 0.04 < at["fabric_anisotropy"][0] < 0.12
+    assert 0.9 < at["normal_force_anisotropy"][0] / 0.2 < 1.25
+    assert 0.2 < at["tangential_force_anisotropy"][0] / 0.4 < 0.4
+    assert 1.0 < at["mean_normal_force"][0] < 1.08
+    assert 0.05 < at["sliding_fraction"][0] < 0.15
+    change = directional_change(contacts_of(large_packing), biaxial.contacts, bins=4)
+    assert change.lost[0] > 4 * change.lost[2]  # compression along y: minor direction x
+
+
+def test_resumed_run_is_identical_to_the_last_bit(tmp_path, packing):
+    options = RunOptions(tuple(loading_cycles(0.1)))
+    straight = DemRun(packing, options)
+    assert straight.execute()
+    for chunks in (1, 37, 70):
+        run = DemRun(packing, options)
+        for _ in range(chunks):
+            run.advance()
+        run.save(tmp_path / "run.npz")
+        resumed = DemRun.resume(tmp_path / "run.npz", options)
+        assert not resumed.finished
+        assert resumed.execute()
+        assert np.array_equal(np.array(resumed.rows), np.array(straight.rows))
+        assert np.array_equal(resumed.sample.position, straight.sample.position)
+        assert np.array_equal(resumed.sample.pairs.tangential, straight.sample.pairs.tangential)
+
+
+def test_stopped_run_is_saved_and_resumes(tmp_path, packing):
+    options = RunOptions(tuple(biaxial_test(stress_ratio=0.1)))
+    calls, seen = [], []
+    run = DemRun(packing, options)
+    stopped = run.execute(
+        stop=lambda: len(seen) >= 3, on_record=lambda r: seen.append(len(r.rows)), progress=calls.append,
+        checkpoint=tmp_path / "c.npz",
+    )  # fmt: skip
+    assert not stopped and not run.finished and seen == [2, 3, 4]
+    resumed = DemRun.resume(tmp_path / "c.npz", options)
+    assert resumed.execute(progress=lambda r: calls.append(r.completed_fraction()))
+    assert calls[-1] == 1.0
+    straight = DemRun(packing, options)
+    straight.execute()
+    assert np.array_equal(np.array(resumed.rows), np.array(straight.rows))
+
+
+def test_checkpoints_of_other_options_or_damaged_ones_are_refused(tmp_path, packing):
+    options = RunOptions(tuple(biaxial_test(stress_ratio=0.1)))
+    run = DemRun(packing, options)
+    path = tmp_path / "c.npz"
+    run.save(path)
+    with pytest.raises(SampleError, match="other options"):
+        DemRun.resume(path, RunOptions(tuple(biaxial_test(stress_ratio=0.2))))
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    with pytest.raises(SampleError, match="not a stored sample"):
+        DemRun.resume(path, options)
+    with pytest.raises(SampleError, match="no such file"):
+        DemRun.resume(tmp_path / "none.npz", options)
+
+
+def test_bad_runs_are_refused(packing):
+    with pytest.raises(SampleError, match="at least one segment"):
+        DemRun(packing, RunOptions(()))
+    with pytest.raises(SampleError, match="legal are biaxial"):
+        DemRun(packing, RunOptions((Segment(kind="triaxial"),))).execute()
+    with pytest.raises(SampleError, match="needs a compressed sample"):
+        loose = packing.copy()
+        loose.radius *= 0.9
+        DemRun(loose, RunOptions(tuple(biaxial_test())))
+
+
+def test_turning_axes_run_ends_turned(packing):
+    run = DemRun(packing, RunOptions(tuple(principal_rotation(0.1, turns=0.25))))
+    assert run.execute()
+    stress = run.motion.stress
+    assert 0.5 * (stress[1] - stress[0]) == pytest.approx(0.1 * P, rel=0.02)
+    assert len(run.options.segments) == 3
+
+
+def test_probe_does_not_change_its_sample_and_reaches_its_stress(packing):
+    before = packing.position.copy()
+    probe = stress_probe(packing, -0.1 * P, 0.0)
+    assert np.array_equal(packing.position, before)
+    assert probe.stress_change == pytest.approx([0.1 * P, 0.1 * P, 0.0], abs=1e-3 * P)
+    assert probe.strain_change[:2].sum() > 0.0
+
+
+def test_isotropic_probes_open_contacts_but_hardly_close_any(large_packing):
+    """Ten per cent less pressure opens 4-5 % of the contacts; ten per cent more closes next to none."""
+    down = stress_probe(large_packing, -0.1 * P, 0.0)
+    up = stress_probe(large_packing, 0.1 * P, 0.0)
+    contacts = contacts_of(large_packing).count
+    assert 0.03 < down.change.lost / contacts < 0.06
+    assert up.change.gained / contacts < 0.01
+    assert np.hypot(*(fabric_anisotropy(down.after) - fabric_anisotropy(down.before))) < 0.015
+
+
+def test_moduli_are_below_uniform_strain_by_known_factors(large_packing):
+    moduli, weak = measure_elasticity(large_packing)
+    assert moduli.bulk_reduction == pytest.approx(0.89, abs=0.03)
+    assert moduli.shear_reduction == pytest.approx(0.70, abs=0.03)
+    assert 0.5 < weak.ratio < 0.95 and 0.4 < weak.ratio_isotropic < 0.8
+    assert 0.3 < weak.scatter < 0.6
+
+
+def test_loop_returns_most_lost_contacts(large_packing: Sample):
+    loop = loading_loop(large_packing, 0.2)
+    start, top, end = contacts_of(large_packing), contacts_of(loop.loaded), contacts_of(loop.unloaded)
+    lost_top, lost_end = match_contacts(start, top).lost, match_contacts(start, end).lost
+    assert np.count_nonzero(lost_top & ~lost_end) > 0.5 * np.count_nonzero(lost_top)
+    # what stays open is spread over all directions
+    assert np.hypot(*fabric_anisotropy(end)) < 0.35 * np.hypot(*fabric_anisotropy(top))
+    assert shear_modulus(loop.loaded) < shear_modulus(large_packing)
+
+
+def test_material_table_has_the_keys_of_a_scene(packing):
+    table = measure_material(packing)
+    assert set(table) == {*MATERIAL_KEYS, *CLOSURE_KEYS}
+    assert all(isinstance(value, float) and np.isfinite(value) and value > 0 for value in table.values())
+    assert table["neighbours"] == 6.0 and table["stiffness_ratio"] == 1.0
+    assert 0.4 < table["force_density_at_zero"] < 1.0
+    other = measure_material(packing, rattlers="excluded")
+    assert other["coordination"] > table["coordination"]
+    assert other["isostatic_coordination"] > table["isostatic_coordination"] > 2.0
+    with pytest.raises(SampleError, match="rattlers is 'some'"):
+        measure_material(packing, rattlers="some")
