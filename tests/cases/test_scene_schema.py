@@ -75,7 +75,7 @@ BAD = [
     (POINT, "effects.contact_los=false", ["'effects.contact_los' is unknown", "'contact_loss'"]),
     (POINT, "effects.contact_loss=automatic", ["effects.contact_loss = 'automatic'", "true, false, auto", "'auto'"]),
     (POINT, "integration.tolerance=0.0", ["integration.tolerance = 0.0", "[1e-14, 1]"]),
-    (POINT, "integration.integrator=kuta", ["integration.integrator = 'kuta'", "'kutta'"]),
+    (POINT, "integration.integrator=dormand", ["integration.integrator = 'dormand'", "'dormand_prince'"]),
     (POINT, "initial.stress=[100e3, 100e3, 0.0]", ["initial", "tension is positive", "-100000"]),
     (POINT, "initial.stress=[-1.0, -1.0]", ["initial.stress", "2 entries", "exactly 3"]),
     (POINT, 'path.0.control=["stress", "stres", "strain"]', ["path.0.control.1 = 'stres'", "'stress'"]),
