@@ -107,14 +107,16 @@ def _first_moments(w):
         moment2 = half + 0.5 * (c2 * s2 - c1 * s1)
         moment3 = (c2 * c2 * s2 - c1 * c1 * s1 + 2.0 * moment1) * (1.0 / 3.0)
         sine0 = 2.0 * sf * sine
-        sine1 = 0.5 * (c1 * c1 - c2 * c2)
+        # factored, so that an arc symmetric about a_n gives exact zeros whatever the compiler fuses
+        drop = c1 - c2
+        sine1 = 0.5 * drop * (c1 + c2)
         w[C + lane] = moment0
         w[C + L + lane] = moment1
         w[C + 2 * L + lane] = moment2
         w[C + 3 * L + lane] = moment3
         w[K + lane] = sine0
         w[K + L + lane] = sine1
-        w[K + 2 * L + lane] = (c1 * c1 * c1 - c2 * c2 * c2) * (1.0 / 3.0)
+        w[K + 2 * L + lane] = drop * (c1 * c1 + c1 * c2 + c2 * c2) * (1.0 / 3.0)
         w[ARC_C1 + lane] = c1
         w[ARC_S1 + lane] = s1
         w[ARC_C2 + lane] = c2

@@ -34,6 +34,7 @@ from .lanes import (
     ROTATION,
     SIZE,
     STAGE,
+    START_P,
     START_S1,
     START_S2,
     STEP,
@@ -61,7 +62,15 @@ from .load_lane import (
     load_point,
     stiffness_of,
 )
-from .runge_kutta import FAILED_STAGE_FACTOR, MAX_FACTOR, MIN_FACTOR, SAFETY, SMALLEST_SUBSTEP
+from .runge_kutta import (
+    APEX_FRACTION,
+    FAILED_STAGE_FACTOR,
+    LARGEST_CHANGE,
+    MAX_FACTOR,
+    MIN_FACTOR,
+    SAFETY,
+    SMALLEST_SUBSTEP,
+)
 from .stage import stage
 from .stiffness import stress_invariants
 
@@ -116,6 +125,13 @@ def _advance(w, rows, stages, coefficients):
 
 
 @compiled(inline="always", **KERNEL_OPTIONS)
+def _larger_change(change, new, limit):
+    """Larger of the two relative to what a substep may change; NaN wins."""
+    new = abs(new) / limit
+    return change if new <= change else new
+
+
+@compiled(inline="always", **KERNEL_OPTIONS)
 def _larger(measure, error, step, scale):
     """Larger of the two in units of `scale`; NaN wins."""
     new = abs(step * error) / scale
@@ -141,11 +157,19 @@ def _estimate(w, error, tolerance):
         measure = _larger(measure, w[ERROR + 3 * L + lane], h, tolerance * w[Y + 3 * L + lane])
         measure = _larger(measure, w[ERROR + 4 * L + lane], h, tolerance)
         measure = _larger(measure, w[ERROR + 5 * L + lane], h, tolerance)
-        w[MEASURE + lane] = measure
+        start, end = -0.5 * (w[Y + lane] + w[Y + L + lane]), -0.5 * (w[TRIAL + lane] + w[TRIAL + L + lane])
+        change = _larger_change(0.0, end - start, LARGEST_CHANGE * start)
+        z = w[Y + 3 * L + lane]
+        change = _larger_change(change, w[TRIAL + 3 * L + lane] - z, LARGEST_CHANGE * z)
+        change = _larger_change(change, w[TRIAL + 4 * L + lane] - w[Y + 4 * L + lane], LARGEST_CHANGE)
+        change = _larger_change(change, w[TRIAL + 5 * L + lane] - w[Y + 5 * L + lane], LARGEST_CHANGE)
+        # so that the next substep is shorter by this factor, for an estimate of order two
+        change = change * change * change
+        w[MEASURE + lane] = measure if measure > change or change <= 1.0 else change
         z, a1, a2 = w[TRIAL + 3 * L + lane], w[TRIAL + 4 * L + lane], w[TRIAL + 5 * L + lane]
         outcome = w[WORST + lane]
         admissible = z > 0.0 and a1 * a1 + a2 * a2 < 4.0 and measure < math.inf
-        pressure = -0.5 * (w[TRIAL + lane] + w[TRIAL + L + lane]) > w[FLOOR + lane]
+        pressure = end > w[FLOOR + lane]
         fine = outcome <= LIMITED
         outcome = outcome if admissible or not fine else float(NOT_ADMISSIBLE)
         w[WORST + lane] = outcome if pressure or not fine else float(NO_PRESSURE)
@@ -285,6 +309,9 @@ def update_points(
             w[STEP + lane] *= factor
             if fixed or w[STEP + lane] < SMALLEST_SUBSTEP or counts[point, 0] + counts[point, 1] >= most:
                 status[point] = int(w[WORST + lane]) if failed else TOO_MANY_SUBSTEPS
+                p = -0.5 * (w[Y + lane] + w[Y + L + lane])
+                if not fixed and w[STEP + lane] < SMALLEST_SUBSTEP and p < APEX_FRACTION * w[START_P + lane]:
+                    status[point] = NO_PRESSURE
         _accept(w, b, derivatives)
         for lane in range(LANES):
             point = point_of[lane]

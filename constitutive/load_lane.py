@@ -23,6 +23,7 @@ from .lanes import (
     SHEAR,
     START_N1,
     START_N2,
+    START_P,
     START_S1,
     START_S2,
     STEP,
@@ -73,6 +74,7 @@ def load_idle(w, lane):
         w[GIVEN + row * L + lane] = 0.0
     w[Y + lane], w[Y + L + lane], w[Y + 2 * L + lane] = -1.0, -1.0, 0.0
     w[Y + 3 * L + lane], w[Y + 4 * L + lane], w[Y + 5 * L + lane] = 1.0, 0.0, 0.0
+    w[START_P + lane] = 1.0
     w[START_S1 + lane], w[START_S2 + lane], w[START_N1 + lane], w[START_N2 + lane] = 0.0, 0.0, 0.0, 0.0
     w[REFERENCE_Z + lane], w[REFERENCE_A1 + lane], w[REFERENCE_A2 + lane] = 1.0, 0.0, 0.0
     w[P_ZERO + lane], w[HALF_GAP + lane], w[NEIGHBOURS + lane], w[C_N + lane] = 0.0, 0.0, 0.0, 0.0
@@ -126,6 +128,7 @@ def load_point(w, lane, point, given, stress_start, state_start, par, micro_of_c
     if not p > floor:
         return _NO_PRESSURE
     w[FLOOR + lane] = floor
+    w[START_P + lane] = p
     w[START_S1 + lane], w[START_S2 + lane], w[START_N1 + lane], w[START_N2 + lane] = s1, s2, n1, n2
     w[P_ZERO + lane] = par[PAR_P_ZERO] if options[LOSS] != 0 else 0.0
     w[HALF_GAP + lane] = 0.5 * par[PAR_P_GAP] if options[GAIN] != 0 else 0.0

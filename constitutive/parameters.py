@@ -18,7 +18,7 @@ ForceChange = Literal["mean_field"]
 Tangential = Literal["neglected", "self_consistent"]
 Distribution = Literal["harmonic", "maximum_entropy"]
 ArcIntegration = Literal["closed_form", "gauss"]
-Integrator = Literal["forward_euler", "modified_euler", "kutta", "bogacki_shampine", "dormand_prince"]
+Integrator = Literal["forward_euler", "modified_euler", "bogacki_shampine", "dormand_prince"]
 
 
 class ParameterError(ValueError):
@@ -142,9 +142,9 @@ class Integration:
 
     Parameters
     ----------
-    integrator : {"forward_euler", "modified_euler", "kutta", "bogacki_shampine", "dormand_prince"}
+    integrator : {"forward_euler", "modified_euler", "bogacki_shampine", "dormand_prince"}
         Explicit Runge-Kutta scheme; all but the first control their error by an embedded lower order:
-        2(1), 3(2) in three stages, 3(2) in four, 5(4).
+        2(1), 3(2), 5(4).
     tolerance : float
         Local error allowed per substep, relative to the state.
     substeps : int
@@ -158,7 +158,7 @@ class Integration:
         Gauss points on each arc.
     """
 
-    integrator: Integrator = "kutta"
+    integrator: Integrator = "bogacki_shampine"
     tolerance: float = 1e-6
     substeps: int = 0
     maximum_substeps: int = 100_000

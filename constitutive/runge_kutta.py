@@ -1,8 +1,11 @@
 """Explicit Runge-Kutta pairs and the constants of step control, all in one place.
 
 A substep that goes from t to t + h advances with the higher order of the pair; the difference to the embedded lower
-order is the error estimate. References: Hairer, Norsett & Wanner, Solving ODEs I, sections II.1, II.4 (Kutta's third
-order with the embedded midpoint rule, Dormand-Prince); Bogacki & Shampine 1989.
+order is the error estimate. References: Hairer, Norsett & Wanner, Solving ODEs I, section II.4; Bogacki & Shampine 1989.
+
+Why no pair 3(2) with three stages: isotropic unloading follows z ~ p^P0, and the estimate of every such pair is
+proportional to ``f''(f, f) + 4 f' f' f``, which for this solution is P0 (P0 - 1)(1 - 2 P0): it vanishes identically at
+P0 = 1/2, the value of the source. The estimate of Bogacki and Shampine is proportional to the third derivative itself.
 """
 
 from dataclasses import dataclass
@@ -17,6 +20,11 @@ MAX_FACTOR = 10.0
 """Nor grows by more than this."""
 FAILED_STAGE_FACTOR = 0.25
 """Shrink by this when a stage leaves the admissible set."""
+LARGEST_CHANGE = 0.5
+"""Most by which p and z may change in one substep relative to themselves, and a_c absolutely. An estimate of
+the error means nothing beyond."""
+APEX_FRACTION = 1e-6
+"""A point that gets stuck at less than this fraction of its start pressure is reported as having lost its pressure."""
 SMALLEST_SUBSTEP = 1e-13
 """A substep smaller than this fraction of the increment is a failure."""
 
@@ -60,7 +68,6 @@ def _tableau(rows: list[list[float]], b: list[float], embedded: list[float] | No
 TABLEAUS: dict[str, Tableau] = {
     "forward_euler": _tableau([], [1.0], None, 1),
     "modified_euler": _tableau([[1.0]], [0.5, 0.5], [1.0, 0.0], 2),
-    "kutta": _tableau([[0.5], [-1.0, 2.0]], [1 / 6, 2 / 3, 1 / 6], [0.0, 1.0, 0.0], 3),
     "bogacki_shampine": _tableau(
         [[1 / 2], [0.0, 3 / 4], [2 / 9, 1 / 3, 4 / 9]],
         [2 / 9, 1 / 3, 4 / 9, 0.0],
