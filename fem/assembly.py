@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from .kernels import (
+    element_action_kernel,
     element_force_kernel,
     element_tangent_kernel,
     gather_force_kernel,
     gather_tangent_kernel,
     strain_kernel,
-    tangent_action_kernel,
 )
 from .space import Space
 
@@ -36,8 +36,6 @@ class ForceAssembler:
         self._source = np.argsort(flat_nodes, kind="stable").astype(np.int32)
         counts = np.bincount(flat_nodes, minlength=space.nnodes)
         self._start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-        self._stress = np.empty((space.npoints, 3))
-        self._strain = np.empty((space.npoints, 3))
         self.magnitude = np.empty(space.ndofs)
 
     def strain(self, displacement: Array, out: Array) -> Array:
@@ -79,9 +77,18 @@ class ForceAssembler:
         displacement : ndarray, shape (ndofs,)
         out : ndarray, shape (ndofs,)
         """
-        self.strain(displacement, self._strain)
-        tangent_action_kernel(tangent, self._strain, self._stress)
-        return self.internal_force(self._stress, out)
+        space = self.space
+        element_action_kernel(
+            space.gradients,
+            space.weights,
+            space.element_nodes,
+            space.points_per_cell,
+            tangent,
+            displacement,
+            self._local,
+        )
+        gather_force_kernel(self._start, self._source, self._flat, out, self.magnitude)
+        return out
 
 
 class TangentAssembler:

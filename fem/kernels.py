@@ -134,18 +134,41 @@ def gather_tangent_kernel(start: Indices, source: Indices, local: Array, out: Ar
 
 
 @compiled(("fem",), parallel=True)
-def tangent_action_kernel(tangent: Array, strain: Array, out: Array) -> None:
-    """Stress change ``D eps`` at all points."""
-    for point in numba.prange(len(strain)):
-        a = strain[point, 0]
-        b = strain[point, 1]
-        c = strain[point, 2]
-        for i in range(3):
-            out[point, i] = tangent[point, i, 0] * a + tangent[point, i, 1] * b + tangent[point, i, 2] * c
-
-
-@compiled(("fem",))
-def difference_kernel(end: Array, start: Array, out: Array) -> None:
-    """``out = end - start`` for vectors, without a temporary."""
-    for i in range(len(out)):
-        out[i] = end[i] - start[i]
+def element_action_kernel(
+    gradients: Array,
+    weights: Array,
+    element_nodes: Indices,
+    points_per_cell: int,
+    tangent: Array,
+    displacement: Array,
+    out: Array,
+) -> None:
+    """Element vectors ``sum_q w B^T D B u``, shape (nelem, nb, 2): the tangent's action without the matrix."""
+    nelements, nb = element_nodes.shape
+    for element in numba.prange(nelements):
+        for b in range(nb):
+            out[element, b, 0] = 0.0
+            out[element, b, 1] = 0.0
+        for q in range(points_per_cell):
+            point = element * points_per_cell + q
+            exx = 0.0
+            eyy = 0.0
+            exy = 0.0
+            for b in range(nb):
+                node = element_nodes[element, b]
+                ux = displacement[2 * node]
+                uy = displacement[2 * node + 1]
+                gx = gradients[point, b, 0]
+                gy = gradients[point, b, 1]
+                exx += gx * ux
+                eyy += gy * uy
+                exy += gy * ux + gx * uy
+            w = weights[point]
+            xx = w * (tangent[point, 0, 0] * exx + tangent[point, 0, 1] * eyy + tangent[point, 0, 2] * exy)
+            yy = w * (tangent[point, 1, 0] * exx + tangent[point, 1, 1] * eyy + tangent[point, 1, 2] * exy)
+            xy = w * (tangent[point, 2, 0] * exx + tangent[point, 2, 1] * eyy + tangent[point, 2, 2] * exy)
+            for b in range(nb):
+                gx = gradients[point, b, 0]
+                gy = gradients[point, b, 1]
+                out[element, b, 0] += gx * xx + gy * xy
+                out[element, b, 1] += gy * yy + gx * xy

@@ -183,7 +183,8 @@ def _line_search(
     """Shorten the correction until the residual falls; `displacement` is moved to the accepted iterate."""
     start = displacement[system.free].copy()
     length = 1.0
-    failure = ("the residual does not fall along Newton's correction", 0.5, -1)
+    no_descent = ("the residual does not fall along Newton's correction", 0.5, -1)
+    failure = no_descent
     for attempt in range(LINE_SEARCH_LIMIT + 1):
         if attempt:
             system.accounting.line_searches += 1
@@ -193,7 +194,6 @@ def _line_search(
             evaluation.norm < before or evaluation.norm <= evaluation.allowed(system.control.tolerance)
         ):
             return evaluation, failure
-        if evaluation is None:
-            failure = (message, factor, point)
+        failure = no_descent if evaluation is not None else (message, factor, point)
         length *= LINE_SEARCH_CUT
     return None, failure

@@ -9,7 +9,6 @@ from constitutive.contract import Law, TangentKind, UpdateReport
 
 from .accounting import Accounting
 from .assembly import ForceAssembler
-from .kernels import difference_kernel
 
 Array = NDArray[np.float64]
 
@@ -82,7 +81,7 @@ class QuadratureMaterial:
             Tangent written to `tangent_end`.
         """
         with self._accounting.phase("state"):
-            difference_kernel(displacement, committed, self._displacement_increment)
+            np.subtract(displacement, committed, out=self._displacement_increment)
             self._assembler.strain(self._displacement_increment, self._increment)
         return self._call(self.tangent_end, kind)
 
