@@ -81,6 +81,8 @@ NOT_ADMISSIBLE = int(Status.NOT_ADMISSIBLE)
 TOO_MANY_SUBSTEPS = int(Status.TOO_MANY_SUBSTEPS)
 NOT_FINITE = int(Status.NOT_FINITE)
 
+_NOT_NEGATIVE = 0x7FFFFFFF
+
 TANGENT_NONE, TANGENT_PROPAGATED, TANGENT_CONTINUUM, TANGENT_ELASTIC = range(4)
 
 
@@ -108,18 +110,23 @@ def _attempt(w, control, mixed, options, derivatives, tableau, nodes, weights, s
     _advance(w, ADVANCED if derivatives else UNKNOWNS, stages, b)
 
 
+@compiled(inline="always", **KERNEL_OPTIONS)
+def _add_scaled(w, target, source, factor, number):
+    """w[target ...] += factor w[source ...]; the mask tells the compiler that no index is negative."""
+    target, source = target & _NOT_NEGATIVE, source & _NOT_NEGATIVE
+    for index in range(number):
+        w[target + index] += factor * w[source + index]
+
+
 @compiled(**KERNEL_OPTIONS)
 def _advance(w, rows, stages, coefficients):
     """TRIAL = Y + h sum c_m K_m in the first `rows` rows, over the first `stages` stages."""
     for index in range(rows * L):
         w[TRIAL + index] = 0.0
     for m in range(stages):
-        c = coefficients[m]
         # stages without weight may hold no derivatives
-        if c != 0.0:
-            kept = STAGE + m * RATES * L
-            for index in range(rows * L):
-                w[TRIAL + index] += c * w[kept + index]
+        if coefficients[m] != 0.0:
+            _add_scaled(w, TRIAL, STAGE + m * RATES * L, coefficients[m], rows * L)
     for index in range(rows * L):
         w[TRIAL + index] = w[Y + index] + w[STEP + index] * w[TRIAL + index]
 
@@ -144,10 +151,7 @@ def _estimate(w, error, tolerance):
     for index in range(UNKNOWNS * L):
         w[ERROR + index] = 0.0
     for m in range(error.shape[0]):
-        e = error[m]
-        kept = STAGE + m * RATES * L
-        for index in range(UNKNOWNS * L):
-            w[ERROR + index] += e * w[kept + index]
+        _add_scaled(w, ERROR, STAGE + m * RATES * L, error[m], UNKNOWNS * L)
     for lane in range(LANES):
         h = w[STEP + lane]
         p = -0.5 * tolerance * (w[Y + lane] + w[Y + L + lane])
@@ -186,7 +190,7 @@ def _accept(w, b, derivatives):
         for index in range(rows * L):
             w[Y + index] = w[TRIAL + index]
         for m in range(b.shape[0]):
-            kept = STAGE + (m * RATES + ADVANCED) * L
+            kept = (STAGE + (m * RATES + ADVANCED) * L) & _NOT_NEGATIVE
             for index in range(EXTRAS * L):
                 w[SUMS + index] += w[STEP + index] * b[m] * w[kept + index]
         return

@@ -66,7 +66,7 @@ GAINED, LOST, STRAIN = (_rows(3) for _ in range(3))
 # intermediate quantities of a stage
 INVERSE_P, S1, S2, D, DS1, DS2, N1, N2, LIMIT, FORCE = (_rows(1) for _ in range(10))
 STIFF_Z, STIFF_A1, STIFF_A2 = (_rows(1) for _ in range(3))
-V1, V2, X1, X2, GAIN_FACTOR, SOLVED = (_rows(1) for _ in range(6))
+V1, V2, X1, X2, GAIN_FACTOR, SHARE, SOLVED = (_rows(1) for _ in range(7))
 COS, SIN, F_V1, F_V2, F_A1, F_A2, F_N = (_rows(1) for _ in range(7))
 I11, I12, I21, I22 = (_rows(1) for _ in range(4))
 

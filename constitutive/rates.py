@@ -49,6 +49,7 @@ from .lanes import (
     P_ZERO,
     RATE,
     SELF_CONSISTENT,
+    SHARE,
     SOLVED,
     TRIAL_A1,
     TRIAL_A2,
@@ -88,7 +89,7 @@ def network_rates(w, options, derivatives, nodes, weights):
     self_consistent = options[SELF_CONSISTENT] != 0
     _prepare(w, self_consistent)
     for _ in range(_FIXED_POINT_ITERATIONS):
-        _force_change_vector(w, self_consistent)
+        _force_change_vector(w)
         _change(w, options, derivatives or self_consistent, nodes, weights)
         if not self_consistent or _improve(w, options):
             break
@@ -108,15 +109,15 @@ def _prepare(w, self_consistent):
         w[SOLVED + lane] = _UNSOLVED if self_consistent else _CONVERGED
         z = w[TRIAL_Z + lane]
         room = w[NEIGHBOURS + lane] - z
+        w[SHARE + lane] = w[C_N + lane] if self_consistent else 2.0
         w[GAIN_FACTOR + lane] = (room if room > 0.0 else 0.0) / z * w[HALF_GAP + lane] * w[FORCE + lane]
 
 
 @compiled(**KERNEL_OPTIONS)
-def _force_change_vector(w, self_consistent):
+def _force_change_vector(w):
     """w = a_n d + b."""
     for lane in range(LANES):
-        share = w[C_N + lane] if self_consistent else 2.0
-        d = w[D + lane]
+        share, d = w[SHARE + lane], w[D + lane]
         w[V1 + lane] = w[N1 + lane] * d + share * w[DS1 + lane] + w[X1 + lane]
         w[V2 + lane] = w[N2 + lane] * d + share * w[DS2 + lane] + w[X2 + lane]
 
@@ -223,32 +224,21 @@ def _split(w, options):
 def _differentiate(w, options):
     """Derivatives of the net rates at fixed da_c in b."""
     loss, gain = options[LOSS] != 0, options[GAIN] != 0
-    self_consistent = options[SELF_CONSISTENT] != 0
     # rows given as constants, one call each: offsets known only at run time would keep the compiler from vector code
-    _differentiate_row(w, loss, gain, self_consistent, VALUE, BY_V, BY_A, BY_N, JACOBIAN)
-    _differentiate_row(
-        w, loss, gain, self_consistent, VALUE + L, BY_V + 3 * L, BY_A + 2 * L, BY_N + 2 * L, JACOBIAN + INPUTS * L
-    )
-    _differentiate_row(
-        w,
-        loss,
-        gain,
-        self_consistent,
-        VALUE + 2 * L,
-        BY_V + 6 * L,
-        BY_A + 4 * L,
-        BY_N + 4 * L,
-        JACOBIAN + 2 * INPUTS * L,
-    )
-    _relative_to_state(w, IN_D)
-    _relative_to_state(w, IN_S1)
-    _relative_to_state(w, IN_S2)
-    _relative_to_state(w, IN_Z)
-    _relative_to_state(w, IN_A1)
-    _relative_to_state(w, IN_A2)
-    _relative_to_state(w, IN_N1)
-    _relative_to_state(w, IN_N2)
-    _relative_to_state(w, IN_F)
+    _differentiate_row(w, VALUE, BY_V, BY_A, BY_N, JACOBIAN)
+    _differentiate_row(w, VALUE + L, BY_V + 3 * L, BY_A + 2 * L, BY_N + 2 * L, JACOBIAN + INPUTS * L)
+    _differentiate_row(w, VALUE + 2 * L, BY_V + 6 * L, BY_A + 4 * L, BY_N + 4 * L, JACOBIAN + 2 * INPUTS * L)
+    for lane in range(LANES):
+        # written out: nine short loops would be unrolled before they could become vector code
+        _relative_to_state(w, lane, IN_D)
+        _relative_to_state(w, lane, IN_S1)
+        _relative_to_state(w, lane, IN_S2)
+        _relative_to_state(w, lane, IN_Z)
+        _relative_to_state(w, lane, IN_A1)
+        _relative_to_state(w, lane, IN_A2)
+        _relative_to_state(w, lane, IN_N1)
+        _relative_to_state(w, lane, IN_N2)
+        _relative_to_state(w, lane, IN_F)
     for lane in range(LANES):
         x0 = _net(w, lane, VALUE, 3, loss, gain)
         w[JACOBIAN + IN_Z * L + lane] += x0
@@ -257,13 +247,12 @@ def _differentiate(w, options):
 
 
 @compiled(inline="always", **KERNEL_OPTIONS)
-def _differentiate_row(w, loss, gain, self_consistent, value, by_v, by_a, by_n, row):
+def _differentiate_row(w, value, by_v, by_a, by_n, row):
     """Derivatives of X_i by the nine inputs."""
     for lane in range(LANES):
         z, d = w[TRIAL_Z + lane], w[D + lane]
-        g = w[GAIN_FACTOR + lane] if gain else 0.0
-        p0 = w[P_ZERO + lane] if loss else 0.0
-        share = w[C_N + lane] if self_consistent else 2.0
+        # factors of effects that are off are zero, and their rows stay as they were made: zero
+        g, p0, share = w[GAIN_FACTOR + lane], w[P_ZERO + lane], w[SHARE + lane]
         by0 = g * w[by_v + 9 * L + lane] - p0 * w[by_v + lane]
         by1 = g * w[by_v + 10 * L + lane] - p0 * w[by_v + L + lane]
         by2 = g * w[by_v + 11 * L + lane] - p0 * w[by_v + 2 * L + lane]
@@ -282,15 +271,14 @@ def _differentiate_row(w, loss, gain, self_consistent, value, by_v, by_a, by_n, 
 
 
 @compiled(inline="always", **KERNEL_OPTIONS)
-def _relative_to_state(w, entry):
+def _relative_to_state(w, lane, entry):
     """From derivatives of X_0, X_1, X_2 to those of dz = z X_0, da_c = 2 (X_1, X_2) - a_c X_0, at fixed z, a_c."""
-    for lane in range(LANES):
-        x0 = w[JACOBIAN + entry * L + lane]
-        x1 = w[JACOBIAN + (INPUTS + entry) * L + lane]
-        x2 = w[JACOBIAN + (2 * INPUTS + entry) * L + lane]
-        w[JACOBIAN + entry * L + lane] = w[TRIAL_Z + lane] * x0
-        w[JACOBIAN + (INPUTS + entry) * L + lane] = 2.0 * x1 - w[TRIAL_A1 + lane] * x0
-        w[JACOBIAN + (2 * INPUTS + entry) * L + lane] = 2.0 * x2 - w[TRIAL_A2 + lane] * x0
+    x0 = w[JACOBIAN + entry * L + lane]
+    x1 = w[JACOBIAN + (INPUTS + entry) * L + lane]
+    x2 = w[JACOBIAN + (2 * INPUTS + entry) * L + lane]
+    w[JACOBIAN + entry * L + lane] = w[TRIAL_Z + lane] * x0
+    w[JACOBIAN + (INPUTS + entry) * L + lane] = 2.0 * x1 - w[TRIAL_A1 + lane] * x0
+    w[JACOBIAN + (2 * INPUTS + entry) * L + lane] = 2.0 * x2 - w[TRIAL_A2 + lane] * x0
 
 
 @compiled(**KERNEL_OPTIONS)

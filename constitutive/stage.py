@@ -162,7 +162,7 @@ def _network_at_rest(w):
 @compiled(**KERNEL_OPTIONS)
 def _differentiate(w, options, network):
     """Derivatives of all rates by the strain increment."""
-    feedback, rotation = options[FEEDBACK] != 0, options[ROTATION] != 0
+    feedback, rotation = 1.0 if options[FEEDBACK] != 0 else 0.0, 1.0 if options[ROTATION] != 0 else 0.0
     # one call each: the offsets of a column must be constants to become vector code
     _column(w, feedback, rotation, network, TRIAL_TY, SLOPE, 1.0, 1.0, 0.0)
     _column(w, feedback, rotation, network, TRIAL_TY + UNKNOWNS * L, SLOPE + UNKNOWNS * L, 1.0, -1.0, 0.0)
@@ -235,7 +235,8 @@ def _force_change(w, options):
 def _column(w, feedback, rotation, network, ty, out, o_v, o_d, o_g):
     """Derivative of the rates by one component of the strain increment: product rule through the whole stage.
 
-    `ty` and `out` are the rows of the column; o_v, o_d, o_g the component's own mean, deviator and shear strain.
+    `ty` and `out` are the rows of the column; o_v, o_d, o_g the component's own mean, deviator and shear strain;
+    `feedback` and `rotation` are 1 or 0, as factors, because branches would keep the loops from becoming vector code.
     """
     for lane in range(LANES):
         k, g, b = w[BULK + lane], w[SHEAR + lane], w[COUPLING + lane]
@@ -244,13 +245,13 @@ def _column(w, feedback, rotation, network, ty, out, o_v, o_d, o_g):
         mean = zc * (k * o_v + b * (c1 * o_d + c2 * o_g))
         half = zc * (g * o_d + b * c1 * o_v)
         shear = zc * (g * o_g + b * c2 * o_v)
-        if feedback:
-            e_v = w[GIVEN + lane] + w[GIVEN + L + lane]
-            e_d = w[GIVEN + lane] - w[GIVEN + L + lane]
-            e_g = w[GIVEN + 2 * L + lane]
-            mean += tz * (k * e_v + b * (c1 * e_d + c2 * e_g)) + zc * b * (t1 * e_d + t2 * e_g)
-            half += tz * (g * e_d + b * c1 * e_v) + zc * b * t1 * e_v
-            shear += tz * (g * e_g + b * c2 * e_v) + zc * b * t2 * e_v
+        e_v = w[GIVEN + lane] + w[GIVEN + L + lane]
+        e_d = w[GIVEN + lane] - w[GIVEN + L + lane]
+        e_g = w[GIVEN + 2 * L + lane]
+        tz, t1, t2 = feedback * tz, feedback * t1, feedback * t2
+        mean += tz * (k * e_v + b * (c1 * e_d + c2 * e_g)) + zc * b * (t1 * e_d + t2 * e_g)
+        half += tz * (g * e_d + b * c1 * e_v) + zc * b * t1 * e_v
+        shear += tz * (g * e_g + b * c2 * e_v) + zc * b * t2 * e_v
         w[out + lane] = mean + half
         w[out + L + lane] = mean - half
         w[out + 2 * L + lane] = shear
@@ -275,8 +276,7 @@ def _column(w, feedback, rotation, network, ty, out, o_v, o_d, o_g):
         w1 = -half * inverse + 0.5 * (xx - yy) * inverse * relative - v1 * d - s1 * dd
         w2 = -shear * inverse + xy * inverse * relative - v2 * d - s2 * dd
         m1, m2 = w[C_N + lane] * v1, w[C_N + lane] * v2
-        w2 = w2 if rotation else 0.0
-        m2 = m2 if rotation else 0.0
+        w2, m2 = rotation * w2, rotation * m2
         # a limited vector only turns: remove the part along itself
         limit = w[LIMIT + lane]
         n1, n2 = w[N1 + lane], w[N2 + lane]
