@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from dem_ref.compilation import compiled
 from dem_ref.neighbours import NearPairs, find_near_pairs
 
-LARGEST_STEP = 0.5  # in sqrt(m/kn); the stiffest frictionless mode (six contacts each) allows 2/sqrt(6) = 0.82
+LARGEST_STEP = 0.7  # in sqrt(m/kn); the stiffest frictionless mode (six contacts each) allows 2/sqrt(6) = 0.82
 SMALLEST_STEP = 0.02
 FIRST_STEP = 0.2
 STEP_GROWTH = 1.1
 STEP_CUT = 0.5
 MIXING = 0.1
 MIXING_DECAY = 0.99
-STEPS_BEFORE_GROWTH = 5
+STEPS_BEFORE_GROWTH = 20  # 5, the usual choice, resets so often that it takes twice the steps here
 
 # indices of the control array
 STEP, MIX, DOWNHILL = 0, 1, 2
