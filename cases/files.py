@@ -16,8 +16,9 @@ from .errors import InputError
 RECORD = "run.json"
 HISTORY = "history.csv"
 SCENE = "scene.toml"
-OWN_FILES = (RECORD, HISTORY, SCENE, "result.pvd", "points.pvd", "failed_point.toml")
-OWN_PATTERNS = ("result_*.vtu", "points_*.vtu", "*.png", ".granfabric-*", ".result*", ".points*")
+PICTURES = ("overview.png", "microvariables.png", "fabric_decomposition.png")
+OWN_FILES = (RECORD, HISTORY, SCENE, "result.pvd", "points.pvd", "failed_point.toml", *PICTURES)
+OWN_PATTERNS = ("result_*.vtu", "points_*.vtu", ".granfabric-*", ".result*", ".points*")
 """What a run writes; only these are removed when a result folder is used again."""
 
 PROGRAM = "granfabric"

@@ -16,7 +16,7 @@ from .record import Record, resolved
 from .scene import LoadedScene
 from .screen import Screen, spread
 
-COMPILATION_SECONDS = 30
+COMPILATION_SECONDS = 45
 """Rough time to compile the kernels of the point law, for the message on first use."""
 
 TABLE_COLUMNS = ("step", "p", "q", "coordination", "fabric_anisotropy", "normal_force_anisotropy", "mean_normal_force")

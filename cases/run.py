@@ -39,7 +39,7 @@ from .replay import write_failed_point
 from .scene import LoadedScene
 from .screen import Screen, spread
 
-COMPILATION_SECONDS = 40
+COMPILATION_SECONDS = 60
 """Rough time to compile the kernels of law and host, for the message on first use."""
 
 

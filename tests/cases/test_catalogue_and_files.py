@@ -73,10 +73,10 @@ def test_a_folder_with_other_files_is_refused_and_left_alone(tmp_path: Path) -> 
 
 def test_an_earlier_result_is_replaced_and_other_files_stay(tmp_path: Path) -> None:
     files.write_json(tmp_path / "run.json", {"program": "granfabric"})
-    for name in ("history.csv", "result_0001.vtu", "result.pvd", "notes.txt"):
+    for name in ("history.csv", "result_0001.vtu", "result.pvd", "overview.png", "notes.txt", "photo.png"):
         (tmp_path / name).write_text("x")
     files.prepare_output(tmp_path)
-    assert os.listdir(tmp_path) == ["notes.txt"]
+    assert sorted(os.listdir(tmp_path)) == ["notes.txt", "photo.png"]
 
 
 def test_an_output_that_cannot_be_made_is_refused(tmp_path: Path) -> None:

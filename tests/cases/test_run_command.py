@@ -296,7 +296,14 @@ def test_the_shipped_biaxial_scene(granfabric: Callable, tmp_path: Path, is_draw
     result = granfabric("run", "biaxial", "-o", tmp_path)
     assert result.code == 0, result.err
     columns = history(tmp_path)
-    assert 0.25 < columns["q"][-1] / columns["p"][-1] < 0.32
+    # As the scene tells.
+    assert columns["q"][-1] / columns["p"][-1] == pytest.approx(0.270, abs=5e-4)
+    assert columns["stress_ratio_largest"][-1] == pytest.approx(0.319, abs=5e-4)
+    for name, value in (("", 3.941), ("_smallest", 3.921), ("_largest", 4.000)):
+        assert columns[f"coordination{name}"][-1] == pytest.approx(value, abs=5e-4)
+    assert columns["fabric_anisotropy"][-1] == pytest.approx(0.055, abs=5e-4)
+    # Equilibrium of the specimen: what the upper platen presses, the lower one carries.
+    np.testing.assert_allclose(columns["reaction_top_y"][1:], -columns["reaction_bottom_y"][1:], rtol=1e-6)
     assert is_drawn(tmp_path / "overview.png")
     data = record(tmp_path)
     assert data["counters"]["factorisations"] <= 2 * data["counters"]["steps"]
