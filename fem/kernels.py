@@ -1,8 +1,8 @@
 """Compiled loops over elements, points and matrix entries.
 
 Each loop writes its own piece of the output and sums in a fixed order, so that results do not depend on the number of
-threads: element contributions go to a buffer of their own and are gathered afterwards by rows. Gathering is cheap, so those two
-loops are serial and compile in a fraction of the time.
+threads: element contributions go to a buffer of their own and are gathered afterwards by rows. Gathering is cheap, so
+those two loops are serial and compile in a fraction of the time.
 """
 
 from __future__ import annotations
