@@ -2,7 +2,8 @@
 
 Rough platens, lateral pressure kept, axial strain 2e-4 in 10 steps; P2 triangles. Asked of it: assembly, state handling
 and boundary conditions together take no longer than the law, all of that no longer than the linear solver, and at most
-two factorisations a step. Run with ``NUMBA_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/host_phases.py``.
+two factorisations a step. Run with ``python tests/benchmarks/host_phases.py [nx]``; set ``NUMBA_NUM_THREADS=1
+OPENBLAS_NUM_THREADS=1`` for figures of one core.
 """
 
 from __future__ import annotations
