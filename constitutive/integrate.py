@@ -179,6 +179,14 @@ def _estimate(w, error, tolerance):
         w[WORST + lane] = outcome if pressure or not fine else float(NO_PRESSURE)
 
 
+@compiled()
+def _step_factor(measure, error_order):
+    """Factor to the next substep from the error of the last in units of the tolerance."""
+    if measure <= 0.0:
+        return MAX_FACTOR
+    return min(MAX_FACTOR, max(MIN_FACTOR, SAFETY * measure ** (-1.0 / (error_order + 1.0))))
+
+
 @compiled(**KERNEL_OPTIONS)
 def _accept(w, b, derivatives):
     """Move the accepted lanes to the end of their substep."""
@@ -270,7 +278,8 @@ def update_points(
                     if mixed:
                         for i in range(3):
                             strain_increment[point, i] = 0.0
-                    load_idle(w, lane)
+                    if following >= end:
+                        load_idle(w, lane)
                     continue
                 point_of[lane] = point
                 time[lane] = 0.0
@@ -298,19 +307,13 @@ def update_points(
             if point < 0:
                 continue
             failed = w[WORST + lane] > LIMITED
-            measure = 0.0 if fixed else w[MEASURE + lane]
-            factor = FAILED_STAGE_FACTOR
-            if not failed:
-                factor = MAX_FACTOR
-                if measure > 0.0:
-                    factor = min(MAX_FACTOR, max(MIN_FACTOR, SAFETY * measure ** (-1.0 / (error_order + 1.0))))
-            if not failed and measure <= 1.0:
+            if not failed and (fixed or w[MEASURE + lane] <= 1.0):
                 w[ACCEPT + lane] = 1.0
                 status[point] = max(status[point], int(w[WORST + lane]))
                 counts[point, 0] += 1
                 continue
             counts[point, 1] += 1
-            w[STEP + lane] *= factor
+            w[STEP + lane] *= FAILED_STAGE_FACTOR if failed else _step_factor(w[MEASURE + lane], error_order)
             if fixed or w[STEP + lane] < SMALLEST_SUBSTEP or counts[point, 0] + counts[point, 1] >= most:
                 status[point] = int(w[WORST + lane]) if failed else TOO_MANY_SUBSTEPS
                 p = -0.5 * (w[Y + lane] + w[Y + L + lane])
@@ -327,11 +330,7 @@ def update_points(
                     if counts[point, 0] + counts[point, 1] >= most:
                         status[point] = TOO_MANY_SUBSTEPS
                     elif not fixed:
-                        measure = w[MEASURE + lane]
-                        factor = MAX_FACTOR
-                        if measure > 0.0:
-                            factor = min(MAX_FACTOR, max(MIN_FACTOR, SAFETY * measure ** (-1.0 / (error_order + 1.0))))
-                        w[STEP + lane] *= factor
+                        w[STEP + lane] *= _step_factor(w[MEASURE + lane], error_order)
             elif status[point] <= LIMITED:
                 continue
             if status[point] > LIMITED:
@@ -375,7 +374,8 @@ def update_points(
             else:
                 continue
             point_of[lane] = -1
-            load_idle(w, lane)
+            if following >= end:
+                load_idle(w, lane)
 
 
 @compiled(**KERNEL_OPTIONS)

@@ -8,6 +8,7 @@ from .lanes import (
     BULK,
     C_N,
     COUPLING,
+    EXTRAS,
     FEEDBACK,
     FLOOR,
     FORCE_SCALE,
@@ -21,6 +22,7 @@ from .lanes import (
     REFERENCE_A2,
     REFERENCE_Z,
     SHEAR,
+    SLOPES,
     START_N1,
     START_N2,
     START_P,
@@ -29,6 +31,8 @@ from .lanes import (
     STEP,
     SUMS,
     TY,
+    X1,
+    X2,
     L,
     Y,
 )
@@ -66,9 +70,10 @@ _NOT_FINITE = int(Status.NOT_FINITE)
 @compiled()
 def load_idle(w, lane):
     """Fill a lane that holds no point with a state at rest, from which nothing can fail or overflow."""
-    for row in range(9):
+    w[X1 + lane], w[X2 + lane] = 0.0, 0.0
+    for row in range(EXTRAS):
         w[SUMS + row * L + lane] = 0.0
-    for row in range(18):
+    for row in range(SLOPES):
         w[TY + row * L + lane] = 0.0
     for row in range(3):
         w[GIVEN + row * L + lane] = 0.0
@@ -128,6 +133,11 @@ def load_point(w, lane, point, given, stress_start, state_start, par, micro_of_c
     if not p > floor:
         return _NO_PRESSURE
     w[FLOOR + lane] = floor
+    for row in range(EXTRAS):
+        w[SUMS + row * L + lane] = 0.0
+    for row in range(SLOPES):
+        w[TY + row * L + lane] = 0.0
+    w[X1 + lane], w[X2 + lane] = 0.0, 0.0
     w[START_P + lane] = p
     w[START_S1 + lane], w[START_S2 + lane], w[START_N1 + lane], w[START_N2 + lane] = s1, s2, n1, n2
     w[P_ZERO + lane] = par[PAR_P_ZERO] if options[LOSS] != 0 else 0.0

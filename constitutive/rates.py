@@ -7,6 +7,8 @@ Written in the rates ``d = dp/p`` and ``ds`` of the stress-ratio vector s, so th
     dz   = z X_0,      da_c = 2 (X_1, X_2) - a_c X_0
 """
 
+import math
+
 from .compilation import compiled
 from .contact_change import closed_form_change
 from .lanes import (
@@ -104,8 +106,9 @@ def network_rates(w, options, derivatives, nodes, weights):
 def _prepare(w, self_consistent):
     """Start of the self-consistent iteration, and the factor of gain."""
     for lane in range(LANES):
-        w[X1 + lane] = 0.0
-        w[X2 + lane] = 0.0
+        # the stage before is a good start: rates change little between stages
+        w[X1 + lane] = w[X1 + lane] if self_consistent and math.isfinite(w[X1 + lane]) else 0.0
+        w[X2 + lane] = w[X2 + lane] if self_consistent and math.isfinite(w[X2 + lane]) else 0.0
         w[SOLVED + lane] = _UNSOLVED if self_consistent else _CONVERGED
         z = w[TRIAL_Z + lane]
         room = w[NEIGHBOURS + lane] - z
@@ -175,6 +178,7 @@ def _improve(w, options):
         determinant = (1.0 - r11) * (1.0 - r22) - r12 * r21
         if not (determinant > 1e-9 and r11 < 1.0 and r22 < 1.0):
             w[SOLVED + lane] = _NO_SOLUTION
+            w[X1 + lane], w[X2 + lane] = 0.0, 0.0
             continue
         inverse = 1.0 / determinant
         w[I11 + lane] = (1.0 - r22) * inverse
