@@ -6,3 +6,6 @@ import os
 # libraries: on a busy machine with two cores small problems became a hundred times slower. Read when the first parallel
 # kernel starts, hence set here.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+# The same quarrel seen from the other side; the matrices here leave little for a second thread to do. This reaches the
+# libraries that are loaded after this line, CHOLMOD's in particular.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -13,6 +13,7 @@ from .linear_solver import make_solver
 from .problem import Problem
 from .quadrature_material import QuadratureMaterial
 from .tangent_solver import TangentSolver
+from .vectors import norm
 
 Array = NDArray[np.float64]
 
@@ -91,9 +92,9 @@ class Equilibrium:
         """Whether a predicted residual is above what counts as equilibrium."""
         if not len(self.free):
             return False
-        scale = max(self.force_scale, float(np.linalg.norm(external)))
+        scale = max(self.force_scale, norm(external))
         allowed = max(self.control.tolerance * scale, self.control.absolute_tolerance)
-        return float(np.linalg.norm(right_hand_side)) > allowed
+        return norm(right_hand_side) > allowed
 
     def linear_solve(self, right_hand_side: Array, tolerance: float, committed: bool, guess: Array | None) -> Array:
         """Solve with the exact tangent, of the last commit or of the last trial.
@@ -135,7 +136,7 @@ class Equilibrium:
         self._raise_scale(external)
 
     def _raise_scale(self, external: Array) -> None:
-        now = max(float(np.linalg.norm(self.internal_force)), float(np.linalg.norm(external)))
+        now = max(norm(self.internal_force), norm(external))
         self.force_scale = max(self.force_scale, now)
 
     def commit(self, displacement: Array, external: Array) -> None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .vectors import dot, norm
+
 Array = NDArray[np.float64]
 Operator = Callable[[Array], Array]
 
@@ -54,31 +56,31 @@ def fgmres(
     """
     solution = np.zeros_like(right_hand_side)
     residual = right_hand_side
-    norm = float(np.linalg.norm(right_hand_side))
+    start = norm(right_hand_side)
     if guess is not None:
         trial = right_hand_side - operator(guess)
-        if np.linalg.norm(trial) < norm:
-            solution, residual, norm = guess.copy(), trial, float(np.linalg.norm(trial))
-    if norm <= tolerance:
-        return KrylovResult(solution, 0, norm, True)
-    basis = [residual / norm]
+        if norm(trial) < start:
+            solution, residual, start = guess.copy(), trial, norm(trial)
+    if start <= tolerance:
+        return KrylovResult(solution, 0, start, True)
+    basis = [residual / start]
     directions: list[Array] = []
     hessenberg = np.zeros((maximum_iterations + 1, maximum_iterations))
     cosines, sines = np.zeros(maximum_iterations), np.zeros(maximum_iterations)
     rotated = np.zeros(maximum_iterations + 1)
-    rotated[0] = norm
+    rotated[0] = start
     count = 0
     for k in range(maximum_iterations):
         directions.append(preconditioner(basis[k]))
         image = operator(directions[k])
-        size = float(np.linalg.norm(image))
+        size = norm(image)
         if not np.isfinite(size):
-            return KrylovResult(solution, count, norm, False)
+            return KrylovResult(solution, count, start, False)
         column = hessenberg[:, k]
         for i, vector in enumerate(basis):
-            column[i] = vector @ image
+            column[i] = dot(vector, image)
             image -= column[i] * vector
-        following = float(np.linalg.norm(image))
+        following = norm(image)
         column[k + 1] = following
         for i in range(k):
             upper, lower = column[i], column[i + 1]

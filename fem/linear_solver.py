@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_matrix, csr_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
+from .vectors import norm
+
 Array = NDArray[np.float64]
 
 logger = logging.getLogger(__name__)
@@ -78,9 +80,9 @@ class _SuperLUFactor:
 
     def solve(self, right_hand_side: Array) -> Array:
         solution = self._factor.solve(right_hand_side, trans="T")
-        size = np.linalg.norm(right_hand_side)
+        size = norm(right_hand_side)
         if not self._pivoting:
-            residual = np.linalg.norm(self._matrix @ solution - right_hand_side)
+            residual = norm(self._matrix @ solution - right_hand_side)
             if not residual <= _LARGEST_RESIDUAL * size:
                 logger.info("SuperLU in symmetric mode left a residual of %.1e; pivoting now", residual / size)
                 self._factor = self._decompose(diagonal=False)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .linear_solver import FactorisationError
+from .vectors import norm
 
 if TYPE_CHECKING:
     from .equilibrium import Equilibrium
@@ -90,13 +91,13 @@ def _evaluate(system: Equilibrium, displacement: Array, external: Array) -> tupl
     with system.accounting.phase("assembly"):
         system.forces.internal_force(system.material.stress_end, system.internal_trial)
         residual = external[system.free] - system.internal_trial[system.free]
-        norm = float(np.linalg.norm(residual))
-        scale = max(system.force_scale, float(np.linalg.norm(system.internal_trial)), float(np.linalg.norm(external)))
-        rounding = np.finfo(np.float64).eps * float(np.linalg.norm(system.forces.magnitude))
+        size = norm(residual)
+        scale = max(system.force_scale, norm(system.internal_trial), norm(external))
+        rounding = np.finfo(np.float64).eps * norm(system.forces.magnitude)
         floor = max(system.control.absolute_tolerance, ROUNDING_MULTIPLE * rounding)
-    if not np.isfinite(norm):
+    if not np.isfinite(size):
         return None, "the residual is not finite", 0.5, -1
-    return _Evaluation(residual, norm, scale, floor), "", 1.0, -1
+    return _Evaluation(residual, size, scale, floor), "", 1.0, -1
 
 
 def newton_step(system: Equilibrium, prescribed: Array, external: Array, guess: Array | None) -> StepOutcome:
@@ -144,7 +145,7 @@ def newton_step(system: Equilibrium, prescribed: Array, external: Array, guess: 
             outcome.reason, outcome.proposed_factor, outcome.failed_point = message, factor, point
             return outcome
         outcome.residuals.append(current.relative)
-        before = max(float(np.linalg.norm(right_hand_side)), current.norm)
+        before = max(norm(right_hand_side), current.norm)
         while current.norm > current.allowed(control.tolerance):
             if outcome.iterations >= control.maximum_iterations:
                 outcome.reason = (

@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix
 from .accounting import Accounting
 from .krylov import fgmres
 from .linear_solver import Factor, FactorisationError, LinearSolver, SuperLUSolver
+from .vectors import norm
 
 Array = NDArray[np.float64]
 
@@ -106,7 +107,7 @@ class TangentSolver:
         FactorisationError
             If K is singular, not finite, or the iteration fails even with a fresh factor of K itself.
         """
-        size = float(np.linalg.norm(right_hand_side))
+        size = norm(right_hand_side)
         if size == 0.0:
             return np.zeros_like(right_hand_side)
         if not np.isfinite(size):
