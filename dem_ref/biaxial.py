@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_ref.events import network_change
+from dem_ref.legs import stress_invariants
 from dem_ref.measure import (
     Contacts,
     component_along,
@@ -27,17 +28,9 @@ from dem_ref.measure import (
     sliding_fraction,
 )
 from dem_ref.motion import DAMPING, STEP, Motion
+from dem_ref.path import Segment
 from dem_ref.sample import Sample, SampleError, read_arrays, sample_arrays, sample_from_arrays, write_atomically
-from dem_ref.servo import (
-    Leg,
-    LegState,
-    Loading,
-    RateLimits,
-    biaxial_leg,
-    invariant_leg,
-    mixed_leg,
-    stress_invariants,
-)
+from dem_ref.servo import LegState, Loading, RateLimits
 
 HISTORY_COLUMNS = (
     "step", "strain_xx", "strain_yy", "strain_xy", "stress_xx", "stress_yy", "stress_xy", "p", "q", "coordination",
@@ -47,78 +40,7 @@ HISTORY_COLUMNS = (
     "tangential_force_xy", "void_ratio", "inertial_number", "unbalanced_force", "elastic_energy", "work",
     "friction_heat", "drag_heat", "dem_steps", "segment",
 )  # fmt: skip
-KINDS = ("biaxial", "invariants", "mixed")
 _NUMBER_ARRAYS = ("run_numbers", "leg_state", "motion_stress", "motion_measures", "motion_tally")
-
-
-@dataclass(frozen=True)
-class Segment:
-    """One part of a loading path, as plain data.
-
-    Attributes
-    ----------
-    kind : str
-        ``"biaxial"`` driven by strain, ends at `stress_ratio` or `shear_strain`, whichever comes first;
-        ``"invariants"`` moves p, q and the direction; ``"mixed"`` prescribes stress or strain per component.
-    path : str
-        biaxial: ``"constant_pressure"`` or ``"constant_lateral_stress"``.
-    shear_strain : float
-        biaxial: change of eps_1 - eps_2 (constant pressure) or of the axial strain (constant lateral stress), positive
-        in compression along `angle`; negative unloads.
-    stress_ratio : float or None
-        biaxial: signed q/p along `angle` at which to stop; invariants: q over p at the end.
-    pressure : float
-        invariants: p at the end over p at the start of the run.
-    angle : float
-        Direction of the (major compressive) axis from the x axis, radians.
-    control, target
-        mixed: ``"stress"``/``"strain"`` and targets per component xx, yy, xy (tension positive, engineering shear
-        strain).
-    """
-
-    kind: str = "biaxial"
-    path: str = "constant_pressure"
-    shear_strain: float = 5.0e-3
-    stress_ratio: float | None = 0.3
-    pressure: float = 1.0
-    angle: float = np.pi / 2
-    control: tuple[str, str, str] = ("stress", "stress", "stress")
-    target: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def leg(self, initial_pressure: float) -> Leg:
-        """The leg that this segment describes."""
-        if self.kind == "biaxial":
-            return biaxial_leg(self.path, self.shear_strain, self.stress_ratio, self.angle)
-        if self.kind == "invariants":
-            p = self.pressure * initial_pressure
-            return invariant_leg(p, (self.stress_ratio or 0.0) * p, self.angle)
-        if self.kind == "mixed":
-            return mixed_leg(self.control, self.target)
-        raise SampleError(f"the kind of a segment is '{self.kind}', legal are {', '.join(KINDS)}")
-
-
-def biaxial_test(
-    path: str = "constant_pressure", stress_ratio: float = 0.3, shear_strain: float = 5.0e-3
-) -> list[Segment]:
-    """Biaxial compression along y to a stress ratio (or a strain, if that comes first)."""
-    return [Segment("biaxial", path, shear_strain, stress_ratio)]
-
-
-def loading_cycles(stress_ratio: float = 0.2, cycles: int = 1, path: str = "constant_pressure") -> list[Segment]:
-    """0 -> stress_ratio -> 0, `cycles` times, then once more to stress_ratio."""
-    up, down = Segment("biaxial", path, 0.02, stress_ratio), Segment("biaxial", path, -0.02, 0.0)
-    return [up, down] * cycles + [up]
-
-
-def principal_rotation(stress_ratio: float = 0.2, turns: float = 0.5, parts: int = 1) -> list[Segment]:
-    """Loading at constant p to a stress ratio, then its axes turned by `turns` x 360 degrees at constant q/p."""
-    start = np.pi / 2
-    load = [Segment("invariants", stress_ratio=stress_ratio, angle=start)]
-    steps = max(parts, int(np.ceil(abs(turns) * 8)))  # an eighth of a turn at most, so that the direction is unique
-    return load + [
-        Segment("invariants", stress_ratio=stress_ratio, angle=start + 2 * np.pi * turns * (k + 1) / steps)
-        for k in range(steps)
-    ]
 
 
 @dataclass(frozen=True)
@@ -157,15 +79,24 @@ class DemRun:
     sample : Sample
         At rest; copied.
     options : RunOptions
+    threads : int
+        1 or 2; does not change the result.
+
+    Attributes
+    ----------
+    finished : bool
+        Nothing is left to do.
+    message : str
+        Why the run ended before its last segment; empty if it did not.
     """
 
-    def __init__(self, sample: Sample, options: RunOptions) -> None:
+    def __init__(self, sample: Sample, options: RunOptions, threads: int = 1) -> None:
         if not options.segments:
             raise SampleError("a run needs at least one segment")
         if not (options.record_stress_ratio > 0.0 and options.record_strain > 0.0):
             raise SampleError("record_stress_ratio and record_strain must be > 0")
         self.options = options
-        self.motion = Motion(sample.copy(), step=options.step, damping=options.damping)
+        self.motion = Motion(sample.copy(), step=options.step, damping=options.damping, threads=threads)
         self.motion.stress[:] = love_weber_stress(self.motion.sample)
         self.initial_pressure = stress_invariants(self.motion.stress)[0]
         if self.initial_pressure <= 0.0:
@@ -173,6 +104,7 @@ class DemRun:
         self.segment = 0
         self.rows: list[list[float]] = []
         self.finished = False
+        self.message = ""
         self._gained, self._lost = 0.0, 0.0
         self._fabric = np.zeros((3, 2))  # gained, lost, persisting
         self._initial_force = force_harmonics(contacts_of(sample)).mean
@@ -219,7 +151,7 @@ class DemRun:
         checkpoint: str | Path | None = None,
         checkpoint_seconds: float = 30.0,
     ) -> bool:
-        """Go on to the end, or until `stop()` is true; True when the end was reached.
+        """Go on to the end, or until `stop()` is true; True when the end of the last segment was reached.
 
         `progress` is called about twice a second, `on_record` at every new record. With `checkpoint` the state is
         written there every `checkpoint_seconds`, at the end, and when stopped.
@@ -240,7 +172,7 @@ class DemRun:
                 self.save(checkpoint)
         if checkpoint is not None:
             self.save(checkpoint)
-        return self.finished
+        return self.finished and not self.message
 
     def advance(self) -> bool:
         """One chunk of steps; True when a record was written."""
@@ -257,7 +189,9 @@ class DemRun:
         if not more:
             self._loading = None
             self.segment += 1
-            self.finished = self.segment >= len(self.options.segments)
+            self.finished = loading.exhausted or self.segment >= len(self.options.segments)
+            if loading.exhausted:
+                self.message = _gave_up(self.segment)
         ds = self.motion.stress - self._recorded_stress
         de = self.sample.strain - self._recorded_strain
         moved_stress = max(abs(ds[0] - ds[1]) / 2, abs(ds[0] + ds[1]) / 2, abs(ds[2])) / self.initial_pressure
@@ -321,7 +255,7 @@ class DemRun:
                 [
                     [float(self.segment), float(self.finished), self._gained, self._lost, self._initial_force],
                     [self.initial_pressure, float(self.motion.steps_done)], self._fabric.ravel(),
-                    self._recorded_stress, self._recorded_strain, self._largest,
+                    self._recorded_stress, self._recorded_strain, self._largest, [float(bool(self.message))],
                 ]
             ),
             "leg_state": np.zeros(0) if state is None else state.to_array(),
@@ -335,7 +269,7 @@ class DemRun:
         write_atomically(Path(path), arrays)
 
     @staticmethod
-    def resume(path: str | Path, options: RunOptions) -> DemRun:
+    def resume(path: str | Path, options: RunOptions, threads: int = 1) -> DemRun:
         """Continue from a checkpoint.
 
         Raises
@@ -356,9 +290,9 @@ class DemRun:
                 raise SampleError(f"{path}: array '{name}' is missing or damaged")
         numbers = arrays["run_numbers"]
         rows = arrays["rows"]
-        if numbers.shape != (21,) or rows.ndim != 2 or rows.shape[1] != len(HISTORY_COLUMNS):
+        if numbers.shape != (22,) or rows.ndim != 2 or rows.shape[1] != len(HISTORY_COLUMNS):
             raise SampleError(f"{path}: the stored history has a wrong shape {rows.shape}")
-        run = DemRun(sample, options)
+        run = DemRun(sample, options, threads)
         run.motion.stress[:] = arrays["motion_stress"]
         run.motion.measures[:] = arrays["motion_measures"]
         run.motion.tally[:] = arrays["motion_tally"]
@@ -369,12 +303,17 @@ class DemRun:
         run._fabric = numbers[7:13].reshape(3, 2).copy()
         run._recorded_stress, run._recorded_strain = numbers[13:16].copy(), numbers[16:19].copy()
         run._largest = numbers[19:21].copy()
+        run.message = _gave_up(run.segment) if numbers[21] else ""
         names = ("first", "second", "image", "normal", "length", "normal_force", "tangential_force")
         parts = {name: arrays[f"contact_{name}"] for name in names}
         run._reference = Contacts(**parts, key=parts["first"] * sample.count + parts["second"])
         state = arrays["leg_state"]
         run._leg_state = LegState.from_array(state) if len(state) else None
         return run
+
+
+def _gave_up(segment: int) -> str:
+    return f"segment {segment} asks for a stress that the sample cannot carry: it was given up at a large strain"
 
 
 def at_stress_ratios(

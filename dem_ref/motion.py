@@ -16,8 +16,6 @@ computes them anew from the positions as soon as any pair may have moved by more
 to each other (default 2e-5, a fifth of the mean overlap at kn/p = 1e4): a direction is never off by more than 2e-5 rad
 and an overlap by more than the square of that. (Likewise the lever arms of tangential forces are the radii, not the
 radii less half the overlap.) Pairs that cannot touch before the next refresh are left out.
-
-Inside compiled code stresses and strains are tension positive, order xx, yy, xy (tensor shear strain).
 """
 
 from __future__ import annotations
@@ -28,208 +26,26 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_ref.compilation import compiled
 from dem_ref.neighbours import NearPairs, find_near_pairs
 from dem_ref.sample import Sample, SampleError
+from dem_ref.stepping import (
+    DRAG_HEAT,
+    FRICTION_HEAT,
+    NORMAL_FORCE,
+    TRAVEL,
+    UNBALANCED,
+    WORK,
+    advance,
+    advance_two_threads,
+    refresh_contacts,
+    write_back,
+)
 
 STEP = 0.4
 DAMPING = 0.06
 SKIN = 0.03
 LARGEST_SKIN = 0.1
 REFRESH = 2.0e-5
-
-# indices of the tally (energies since the start of the motion) and of the measures of the last step
-WORK, FRICTION_HEAT, DRAG_HEAT = range(3)
-STRESS_XX, STRESS_YY, STRESS_XY, UNBALANCED, NORMAL_FORCE, CONTACTS, TRAVEL, FASTEST = range(8)
-
-_FAST = {"contract", "nsz", "nnan", "arcp"}  # no reassociation: the order of summation stays as written
-
-
-@compiled(fastmath=_FAST)
-def _refresh(
-    position, radius, cell, rate, velocity, first, second, image, tangential, margin, active_first, active_second,
-    branch, source,
-):  # fmt: skip
-    """Exact geometry of all pairs with a gap below `margin`; returns their number.
-
-    `branch` rows: unit normal (2), length, overlap, tangential elongation. Overlaps are those *before* the displacement
-    of the last step, because the next step begins by adding it.
-    """
-    m = 0
-    lxx, lyy, lxy = rate[0], rate[1], rate[2]
-    for k in range(first.shape[0]):
-        i = first[k]
-        j = second[k]
-        qa = float(image[k, 0])
-        qb = float(image[k, 1])
-        dx = position[j, 0] - position[i, 0] + qa * cell[0, 0] + qb * cell[1, 0]
-        dy = position[j, 1] - position[i, 1] + qa * cell[0, 1] + qb * cell[1, 1]
-        reach = radius[i] + radius[j]
-        limit = reach + margin
-        d2 = dx * dx + dy * dy
-        if d2 < limit * limit:
-            d = sqrt(d2)
-            nx = dx / d
-            ny = dy / d
-            ux = velocity[j, 0] - velocity[i, 0] + d * (lxx * nx + lxy * ny)
-            uy = velocity[j, 1] - velocity[i, 1] + d * (lxy * nx + lyy * ny)
-            active_first[m] = i
-            active_second[m] = j
-            branch[m, 0] = nx
-            branch[m, 1] = ny
-            branch[m, 2] = d
-            branch[m, 3] = reach - d + (nx * ux + ny * uy)
-            branch[m, 4] = tangential[k]
-            source[m] = k
-            m += 1
-    return m
-
-
-@compiled()
-def _write_back(tangential, source, branch, count):
-    """Put the tangential elongation of active pairs back into the list of near pairs."""
-    for k in range(tangential.shape[0]):
-        tangential[k] = 0.0
-    for m in range(count):
-        tangential[source[m]] = branch[m, 4]
-
-
-@compiled(fastmath=_FAST)
-def _advance(
-    steps, room, longest, count, first, second, branch, velocity, force, position, cell, rate, strain, stress, target,
-    target_rate, drive, gain, fastest_rate, kn, kt, friction, step, damping, tally, out,
-):  # fmt: skip
-    """Step until `steps` are done or a pair may have moved by `room`; returns the steps done.
-
-    Every step: contact forces, Love-Weber stress, strain rate ``drive + gain (target - stress)``, motion.
-    """
-    n = position.shape[0]
-    keep = (1.0 - damping) / (1.0 + damping)
-    push = step * step / (kn * (1.0 + damping))
-    heat = 0.5 * damping * kn / (step * step)
-    limit = friction * kn / kt
-    travel = 0.0
-    fastest = 0.0
-    done = 0
-    while done < steps and travel < room:
-        lxx, lyy, lxy = rate[0], rate[1], rate[2]
-        sxx = 0.0
-        syy = 0.0
-        sxy = 0.0
-        slip = 0.0
-        for k in range(count):
-            i = first[k]
-            j = second[k]
-            nx = branch[k, 0]
-            ny = branch[k, 1]
-            d = branch[k, 2]
-            ux = velocity[j, 0] - velocity[i, 0] + d * (lxx * nx + lxy * ny)
-            uy = velocity[j, 1] - velocity[i, 1] + d * (lxy * nx + lyy * ny)
-            overlap = branch[k, 3] - (nx * ux + ny * uy)
-            branch[k, 3] = overlap
-            overlap = overlap if overlap > 0.0 else 0.0
-            trial = branch[k, 4] + (nx * uy - ny * ux) - (velocity[i, 2] + velocity[j, 2])
-            # Coulomb's limit also empties the spring of a pair that does not touch
-            cap = limit * overlap
-            elongation = trial if trial < cap else cap
-            elongation = elongation if elongation > -cap else -cap
-            branch[k, 4] = elongation
-            slip += elongation * (trial - elongation)
-            normal = kn * overlap
-            shear = kt * elongation
-            fx = -normal * nx - shear * ny
-            fy = -normal * ny + shear * nx
-            force[i, 0] += fx
-            force[i, 1] += fy
-            force[i, 2] += shear
-            force[j, 0] -= fx
-            force[j, 1] -= fy
-            force[j, 2] += shear
-            fx *= d
-            fy *= d
-            sxx += fx * nx
-            syy += fy * ny
-            sxy += 0.5 * (fx * ny + fy * nx)
-        area = cell[0, 0] * cell[1, 1] - cell[0, 1] * cell[1, 0]
-        sxx /= area
-        syy /= area
-        sxy /= area
-        tally[WORK] += 0.5 * area * ((sxx + stress[0]) * lxx + (syy + stress[1]) * lyy + 2.0 * (sxy + stress[2]) * lxy)
-        tally[FRICTION_HEAT] += kt * slip
-        stress[0] = sxx
-        stress[1] = syy
-        stress[2] = sxy
-        for c in range(3):
-            target[c] += target_rate[c]
-        lxx = target[0] - sxx
-        lyy = target[1] - syy
-        lxy = target[2] - sxy
-        exx = drive[0] + gain[0, 0] * lxx + gain[0, 1] * lyy + gain[0, 2] * lxy
-        eyy = drive[1] + gain[1, 0] * lxx + gain[1, 1] * lyy + gain[1, 2] * lxy
-        exy = drive[2] + gain[2, 0] * lxx + gain[2, 1] * lyy + gain[2, 2] * lxy
-        size = sqrt(exx * exx + eyy * eyy + 2.0 * exy * exy)
-        if size > fastest_rate:
-            scale = fastest_rate / size
-            exx *= scale
-            eyy *= scale
-            exy *= scale
-            size = fastest_rate
-        rate[0] = exx
-        rate[1] = eyy
-        rate[2] = exy
-        strain[0] += exx
-        strain[1] += eyy
-        strain[2] += exy
-        unbalanced = 0.0
-        speed = 0.0
-        drag = 0.0
-        for i in range(n):
-            fx = force[i, 0]
-            fy = force[i, 1]
-            u0 = velocity[i, 0]
-            v0 = velocity[i, 1]
-            w0 = velocity[i, 2]
-            u1 = keep * u0 + push * fx
-            v1 = keep * v0 + push * fy
-            w1 = keep * w0 + push * force[i, 2]
-            velocity[i, 0] = u1
-            velocity[i, 1] = v1
-            velocity[i, 2] = w1
-            force[i, 0] = 0.0
-            force[i, 1] = 0.0
-            force[i, 2] = 0.0
-            unbalanced += fx * fx + fy * fy
-            square = u1 * u1 + v1 * v1
-            speed = square if square > speed else speed
-            drag += (u0 + u1) * (u0 + u1) + (v0 + v1) * (v0 + v1) + (w0 + w1) * (w0 + w1)
-            x = position[i, 0]
-            y = position[i, 1]
-            position[i, 0] = x + u1 + exx * x + exy * y
-            position[i, 1] = y + v1 + exy * x + eyy * y
-        for s in range(2):
-            x = cell[s, 0]
-            y = cell[s, 1]
-            cell[s, 0] = x + exx * x + exy * y
-            cell[s, 1] = y + exy * x + eyy * y
-        tally[DRAG_HEAT] += heat * drag
-        fastest = sqrt(speed)
-        travel += 2.0 * fastest + size * longest
-        done += 1
-        out[UNBALANCED] = sqrt(unbalanced / n)
-    contacts = 0
-    total = 0.0
-    for k in range(count):
-        if branch[k, 3] > 0.0:
-            contacts += 1
-            total += branch[k, 3]
-    out[STRESS_XX] = stress[0]
-    out[STRESS_YY] = stress[1]
-    out[STRESS_XY] = stress[2]
-    out[NORMAL_FORCE] = kn * total / max(contacts, 1)
-    out[CONTACTS] = contacts
-    out[TRAVEL] = travel
-    out[FASTEST] = fastest
-    return done
 
 
 @dataclass
@@ -258,6 +74,9 @@ class Motion:
         Gap, in mean diameters, below which pairs are in the list of neighbours.
     refresh : float
         Largest relative displacement of a pair, in mean diameters, before directions are computed anew.
+    threads : int
+        1 or 2; the result is the same to the last bit. Two pay from some 10,000 disks on; several samples at once are
+        better run in one Python thread each (compiled code holds no lock).
     """
 
     def __init__(
@@ -268,7 +87,10 @@ class Motion:
         damping: float = DAMPING,
         skin: float = SKIN,
         refresh: float = REFRESH,
+        threads: int = 1,
     ) -> None:
+        if threads not in (1, 2):
+            raise SampleError(f"threads is {threads}, legal are 1 and 2")
         if not 0.0 < step <= 0.5:
             raise SampleError(f"step is {step}, legal are 0 < dt sqrt(kn/m) <= 0.5")
         if not 0.0 <= damping < 1.0:
@@ -280,6 +102,7 @@ class Motion:
         self.sample = sample
         self.step = step
         self.damping = damping
+        self.threads = threads
         self.steps_done = 0
         self.tally = np.zeros(3)
         self.stress = np.zeros(3)
@@ -292,7 +115,7 @@ class Motion:
         self._velocity = np.zeros((sample.count, 4))
         self._velocity[:, :2] = sample.velocity
         self._velocity[:, 2] = sample.spin
-        self._force = np.zeros((sample.count, 4))
+        self._force = np.zeros((2, sample.count, 4))
         self._room = -1.0  # travel left before the list of neighbours is stale
         self._arrays: tuple[NDArray, NDArray, NDArray, NDArray] | None = None
         self.rebuilds = 0
@@ -313,6 +136,7 @@ class Motion:
         control = control or Control()
         sample = self.sample
         kn = sample.normal_stiffness
+        take_steps = advance_two_threads if self.threads == 2 else advance
         done = 0
         while done < steps:
             if self._room <= 0.0:
@@ -320,18 +144,18 @@ class Motion:
             assert self._arrays is not None
             first, second, branch, source = self._arrays
             pairs = sample.pairs
-            count = _refresh(
+            count = refresh_contacts(
                 sample.position, sample.radius, sample.cell, sample.strain_rate, self._velocity, pairs.first,
                 pairs.second, pairs.image, pairs.tangential, 2.0 * self._refresh, first, second, branch, source,
             )  # fmt: skip
             # a single step may overshoot the allowed travel; the margin of two leaves room for one such step
-            done += _advance(
+            done += take_steps(
                 steps - done, self._refresh, self._longest, count, first, second, branch, self._velocity, self._force,
                 sample.position, sample.cell, sample.strain_rate, sample.strain, self.stress, control.target,
                 control.target_rate, control.drive, control.gain, control.fastest_rate, kn, kn * sample.stiffness_ratio,
                 sample.friction, self.step, self.damping, self.tally, self.measures,
             )  # fmt: skip
-            _write_back(pairs.tangential, source, branch, count)
+            write_back(pairs.tangential, source, branch, count)
             self._room -= self.measures[TRAVEL]
             self.refreshes += 1
         self.steps_done += done

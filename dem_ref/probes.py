@@ -10,17 +10,11 @@ from numpy.typing import NDArray
 
 from dem_ref.distribution import force_distribution
 from dem_ref.events import NetworkChange, match_contacts, network_change
+from dem_ref.legs import axial_stress_ratio, biaxial_leg, stress_invariants, stress_leg
 from dem_ref.measure import Contacts, contacts_of, force_harmonics, love_weber_stress
 from dem_ref.motion import Motion
 from dem_ref.sample import Sample
-from dem_ref.servo import (
-    Loading,
-    RateLimits,
-    axial_stress_ratio,
-    biaxial_leg,
-    stress_invariants,
-    stress_leg,
-)
+from dem_ref.servo import Loading, RateLimits
 
 ELASTIC_PROBE = 2.0e-3
 PROBE_LIMITS = RateLimits(inertial_number=3.0e-6, unbalanced_force=1.0e-4)

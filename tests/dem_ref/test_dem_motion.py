@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dem_ref.biaxial import DemRun, RunOptions, Segment, at_stress_ratios
+from dem_ref.biaxial import DemRun, RunOptions, at_stress_ratios
+from dem_ref.legs import biaxial_leg
 from dem_ref.measure import contacts_of, fabric_anisotropy, force_harmonics, love_weber_stress
 from dem_ref.motion import Control, Motion
+from dem_ref.path import Segment
 from dem_ref.sample import Sample, SampleError
-from dem_ref.servo import Loading, RateLimits, biaxial_leg
+from dem_ref.servo import Loading, RateLimits
 
 PURE_SHEAR = Control(drive=np.array([2.0e-9, -2.0e-9, 0.5e-9]))
 
@@ -42,6 +44,12 @@ def test_runs_are_reproducible_to_the_last_bit(packing):
     a, b = sheared(packing), sheared(packing)
     assert np.array_equal(a.sample.position, b.sample.position)
     assert np.array_equal(a.sample.pairs.tangential, b.sample.pairs.tangential)
+
+
+def test_one_and_two_threads_agree_to_the_last_bit(packing):
+    a, b = sheared(packing, 3000), sheared(packing, 3000, threads=2)
+    assert np.array_equal(a.sample.position, b.sample.position)
+    assert np.array_equal(a.stress, b.stress) and np.array_equal(a.tally, b.tally)
 
 
 def test_periodic_images_do_not_matter(packing):
@@ -139,6 +147,7 @@ def test_same_curve_at_half_the_rate_and_with_half_the_step(large_packing):
         {"skin": 1e-5},
         {"skin": 0.2},
         {"refresh": 0.0},
+        {"threads": 3},
     ],
 )
 def test_unstable_choices_are_refused(packing, choice):

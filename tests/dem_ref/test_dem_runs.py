@@ -5,21 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dem_ref.biaxial import (
-    HISTORY_COLUMNS,
-    DemRun,
-    RunOptions,
-    Segment,
-    at_stress_ratios,
-    biaxial_test,
-    loading_cycles,
-    principal_rotation,
-)
+from dem_ref.biaxial import HISTORY_COLUMNS, DemRun, RunOptions, at_stress_ratios
 from dem_ref.events import directional_change, match_contacts
 from dem_ref.material import CLOSURE_KEYS, MATERIAL_KEYS, measure_material
 from dem_ref.measure import contacts_of, coordination_number, fabric_anisotropy
+from dem_ref.path import Segment, biaxial_test, loading_cycles, principal_rotation
 from dem_ref.probes import loading_loop, measure_elasticity, shear_modulus, stress_probe
 from dem_ref.sample import Sample, SampleError
+from dem_ref.servo import RateLimits
 
 P = 1e5
 
@@ -132,6 +125,15 @@ def test_bad_runs_are_refused(packing):
         loose = packing.copy()
         loose.radius *= 0.9
         DemRun(loose, RunOptions(tuple(biaxial_test())))
+
+
+def test_a_stress_beyond_the_strength_is_given_up_and_told(tmp_path, packing):
+    """mu = 0.5 carries q/p of 0.3 to 0.5; asked for by stress alone, the sample flows until the run gives up."""
+    options = RunOptions((Segment("invariants", stress_ratio=0.8),), limits=RateLimits(1e-3, 1e-1, lag=0.05))
+    run = DemRun(packing, options)
+    assert not run.execute(checkpoint=tmp_path / "c.npz")
+    assert run.finished and "cannot carry" in run.message
+    assert DemRun.resume(tmp_path / "c.npz", options).message == run.message
 
 
 def test_turning_axes_run_ends_turned(packing):
