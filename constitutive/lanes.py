@@ -69,6 +69,10 @@ STIFF_Z, STIFF_A1, STIFF_A2 = (_rows(1) for _ in range(3))
 V1, V2, X1, X2, GAIN_FACTOR, SHARE, SOLVED = (_rows(1) for _ in range(7))
 COS, SIN, F_V1, F_V2, F_A1, F_A2, F_N = (_rows(1) for _ in range(7))
 I11, I12, I21, I22 = (_rows(1) for _ in range(4))
+COLUMN_TY, COLUMN_SLOPE = _rows(UNKNOWNS), _rows(UNKNOWNS)
+"""One column of the derivatives, brought to a place known to the compiler."""
+ROW_VALUE, ROW_BY_V, ROW_BY_A, ROW_BY_N, ROW_JACOBIAN = _rows(2), _rows(6), _rows(4), _rows(2), _rows(9)
+"""Loss and gain of one moment and their derivatives, likewise."""
 
 # moments over the arc of loss
 C = _rows(4)

@@ -50,6 +50,11 @@ from .lanes import (
     NEIGHBOURS,
     P_ZERO,
     RATE,
+    ROW_BY_A,
+    ROW_BY_N,
+    ROW_BY_V,
+    ROW_JACOBIAN,
+    ROW_VALUE,
     SELF_CONSISTENT,
     SHARE,
     SOLVED,
@@ -228,10 +233,14 @@ def _split(w, options):
 def _differentiate(w, options):
     """Derivatives of the net rates at fixed da_c in b."""
     loss, gain = options[LOSS] != 0, options[GAIN] != 0
-    # rows given as constants, one call each: offsets known only at run time would keep the compiler from vector code
-    _differentiate_row(w, VALUE, BY_V, BY_A, BY_N, JACOBIAN)
-    _differentiate_row(w, VALUE + L, BY_V + 3 * L, BY_A + 2 * L, BY_N + 2 * L, JACOBIAN + INPUTS * L)
-    _differentiate_row(w, VALUE + 2 * L, BY_V + 6 * L, BY_A + 4 * L, BY_N + 4 * L, JACOBIAN + 2 * INPUTS * L)
+    for i in range(3):
+        for row in range(2):
+            _copy(w, ROW_VALUE + row * L, VALUE + (3 * row + i) * L, L)
+            _copy(w, ROW_BY_V + 3 * row * L, BY_V + (9 * row + 3 * i) * L, 3 * L)
+            _copy(w, ROW_BY_A + 2 * row * L, BY_A + (6 * row + 2 * i) * L, 2 * L)
+        _copy(w, ROW_BY_N, BY_N + 2 * i * L, 2 * L)
+        _differentiate_row(w)
+        _copy(w, JACOBIAN + i * INPUTS * L, ROW_JACOBIAN, INPUTS * L)
     for lane in range(LANES):
         # written out: nine short loops would be unrolled before they could become vector code
         _relative_to_state(w, lane, IN_D)
@@ -251,27 +260,34 @@ def _differentiate(w, options):
 
 
 @compiled(inline="always", **KERNEL_OPTIONS)
-def _differentiate_row(w, value, by_v, by_a, by_n, row):
-    """Derivatives of X_i by the nine inputs."""
+def _copy(w, target, source, number):
+    """w[target ...] = w[source ...]."""
+    for index in range(number):
+        w[target + index] = w[source + index]
+
+
+@compiled(**KERNEL_OPTIONS)
+def _differentiate_row(w):
+    """Derivatives of X_i by the nine inputs, from rows ROW_VALUE ... to ROW_JACOBIAN."""
     for lane in range(LANES):
         z, d = w[TRIAL_Z + lane], w[D + lane]
         # factors of effects that are off are zero, and their rows stay as they were made: zero
         g, p0, share = w[GAIN_FACTOR + lane], w[P_ZERO + lane], w[SHARE + lane]
-        by0 = g * w[by_v + 9 * L + lane] - p0 * w[by_v + lane]
-        by1 = g * w[by_v + 10 * L + lane] - p0 * w[by_v + L + lane]
-        by2 = g * w[by_v + 11 * L + lane] - p0 * w[by_v + 2 * L + lane]
-        w[row + IN_D * L + lane] = by0 + w[N1 + lane] * by1 + w[N2 + lane] * by2
-        w[row + IN_S1 * L + lane] = share * by1
-        w[row + IN_S2 * L + lane] = share * by2
-        w[row + IN_A1 * L + lane] = g * w[by_a + 6 * L + lane] - p0 * w[by_a + lane]
-        w[row + IN_A2 * L + lane] = g * w[by_a + 7 * L + lane] - p0 * w[by_a + L + lane]
-        w[row + IN_N1 * L + lane] = d * by1 - p0 * w[by_n + lane]
-        w[row + IN_N2 * L + lane] = d * by2 - p0 * w[by_n + L + lane]
+        by0 = g * w[ROW_BY_V + 3 * L + lane] - p0 * w[ROW_BY_V + lane]
+        by1 = g * w[ROW_BY_V + 4 * L + lane] - p0 * w[ROW_BY_V + L + lane]
+        by2 = g * w[ROW_BY_V + 5 * L + lane] - p0 * w[ROW_BY_V + 2 * L + lane]
+        w[ROW_JACOBIAN + IN_D * L + lane] = by0 + w[N1 + lane] * by1 + w[N2 + lane] * by2
+        w[ROW_JACOBIAN + IN_S1 * L + lane] = share * by1
+        w[ROW_JACOBIAN + IN_S2 * L + lane] = share * by2
+        w[ROW_JACOBIAN + IN_A1 * L + lane] = g * w[ROW_BY_A + 2 * L + lane] - p0 * w[ROW_BY_A + lane]
+        w[ROW_JACOBIAN + IN_A2 * L + lane] = g * w[ROW_BY_A + 3 * L + lane] - p0 * w[ROW_BY_A + L + lane]
+        w[ROW_JACOBIAN + IN_N1 * L + lane] = d * by1 - p0 * w[ROW_BY_N + lane]
+        w[ROW_JACOBIAN + IN_N2 * L + lane] = d * by2 - p0 * w[ROW_BY_N + L + lane]
         room = w[NEIGHBOURS + lane] - z
-        gained = w[value + 3 * L + lane] * w[HALF_GAP + lane] / z
+        gained = w[ROW_VALUE + L + lane] * w[HALF_GAP + lane] / z
         gained = gained if room > 0.0 else 0.0
-        w[row + IN_Z * L + lane] = -gained * w[NEIGHBOURS + lane] / z * w[FORCE + lane]
-        w[row + IN_F * L + lane] = gained * room
+        w[ROW_JACOBIAN + IN_Z * L + lane] = -gained * w[NEIGHBOURS + lane] / z * w[FORCE + lane]
+        w[ROW_JACOBIAN + IN_F * L + lane] = gained * room
 
 
 @compiled(inline="always", **KERNEL_OPTIONS)

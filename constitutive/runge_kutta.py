@@ -1,7 +1,8 @@
 """Explicit Runge-Kutta pairs and the constants of step control, all in one place.
 
 A substep that goes from t to t + h advances with the higher order of the pair; the difference to the embedded lower
-order is the error estimate. References: Hairer, Norsett & Wanner, Solving ODEs I, section II.4; Bogacki & Shampine 1989.
+order is the error estimate. References: Hairer, Norsett & Wanner, Solving ODEs I, section II.4; Bogacki & Shampine
+1989.
 
 Why no pair 3(2) with three stages: isotropic unloading follows z ~ p^P0, and the estimate of every such pair is
 proportional to ``f''(f, f) + 4 f' f' f``, which for this solution is P0 (P0 - 1)(1 - 2 P0): it vanishes identically at

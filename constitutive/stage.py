@@ -11,6 +11,9 @@ from .contract import Status
 from .lanes import (
     BULK,
     C_N,
+    COLUMN_SLOPE,
+    COLUMN_TY,
+    COLUMNS,
     COUPLING,
     DENSITY,
     DS1,
@@ -163,10 +166,17 @@ def _network_at_rest(w):
 def _differentiate(w, options, network):
     """Derivatives of all rates by the strain increment."""
     feedback, rotation = 1.0 if options[FEEDBACK] != 0 else 0.0, 1.0 if options[ROTATION] != 0 else 0.0
-    # one call each: the offsets of a column must be constants to become vector code
-    _column(w, feedback, rotation, network, TRIAL_TY, SLOPE, 1.0, 1.0, 0.0)
-    _column(w, feedback, rotation, network, TRIAL_TY + UNKNOWNS * L, SLOPE + UNKNOWNS * L, 1.0, -1.0, 0.0)
-    _column(w, feedback, rotation, network, TRIAL_TY + 2 * UNKNOWNS * L, SLOPE + 2 * UNKNOWNS * L, 0.0, 0.0, 1.0)
+    for column in range(COLUMNS):
+        # own strain component as mean, deviator and shear
+        o_v = 1.0 if column < 2 else 0.0
+        o_d = 1.0 if column == 0 else (-1.0 if column == 1 else 0.0)
+        o_g = 1.0 if column == 2 else 0.0
+        offset = column * UNKNOWNS * L
+        for index in range(UNKNOWNS * L):
+            w[COLUMN_TY + index] = w[TRIAL_TY + offset + index]
+        _column(w, feedback, rotation, network, o_v, o_d, o_g)
+        for index in range(UNKNOWNS * L):
+            w[SLOPE + offset + index] = w[COLUMN_SLOPE + index]
 
 
 @compiled(**KERNEL_OPTIONS)
@@ -231,17 +241,17 @@ def _force_change(w, options):
         w[OUTCOME + lane] = LIMITED if over and outcome < LIMITED else outcome
 
 
-@compiled(inline="always", **KERNEL_OPTIONS)
-def _column(w, feedback, rotation, network, ty, out, o_v, o_d, o_g):
+@compiled(**KERNEL_OPTIONS)
+def _column(w, feedback, rotation, network, o_v, o_d, o_g):
     """Derivative of the rates by one component of the strain increment: product rule through the whole stage.
 
-    `ty` and `out` are the rows of the column; o_v, o_d, o_g the component's own mean, deviator and shear strain;
-    `feedback` and `rotation` are 1 or 0, as factors, because branches would keep the loops from becoming vector code.
+    o_v, o_d, o_g are the component's own mean, deviator and shear strain; `feedback` and `rotation` are 1 or 0, as
+    factors, because branches would keep the loops from becoming vector code.
     """
     for lane in range(LANES):
         k, g, b = w[BULK + lane], w[SHEAR + lane], w[COUPLING + lane]
         zc, c1, c2 = w[STIFF_Z + lane], w[STIFF_A1 + lane], w[STIFF_A2 + lane]
-        tz, t1, t2 = w[ty + 3 * L + lane], w[ty + 4 * L + lane], w[ty + 5 * L + lane]
+        tz, t1, t2 = w[COLUMN_TY + 3 * L + lane], w[COLUMN_TY + 4 * L + lane], w[COLUMN_TY + 5 * L + lane]
         mean = zc * (k * o_v + b * (c1 * o_d + c2 * o_g))
         half = zc * (g * o_d + b * c1 * o_v)
         shear = zc * (g * o_g + b * c2 * o_v)
@@ -252,22 +262,22 @@ def _column(w, feedback, rotation, network, ty, out, o_v, o_d, o_g):
         mean += tz * (k * e_v + b * (c1 * e_d + c2 * e_g)) + zc * b * (t1 * e_d + t2 * e_g)
         half += tz * (g * e_d + b * c1 * e_v) + zc * b * t1 * e_v
         shear += tz * (g * e_g + b * c2 * e_v) + zc * b * t2 * e_v
-        w[out + lane] = mean + half
-        w[out + L + lane] = mean - half
-        w[out + 2 * L + lane] = shear
+        w[COLUMN_SLOPE + lane] = mean + half
+        w[COLUMN_SLOPE + L + lane] = mean - half
+        w[COLUMN_SLOPE + 2 * L + lane] = shear
     if not network:
         for lane in range(LANES):
-            w[out + 3 * L + lane] = 0.0
-            w[out + 4 * L + lane] = 0.0
-            w[out + 5 * L + lane] = 0.0
+            w[COLUMN_SLOPE + 3 * L + lane] = 0.0
+            w[COLUMN_SLOPE + 4 * L + lane] = 0.0
+            w[COLUMN_SLOPE + 5 * L + lane] = 0.0
         return
     for lane in range(LANES):
         inverse, s1, s2, d = w[INVERSE_P + lane], w[S1 + lane], w[S2 + lane], w[D + lane]
         xx, yy, xy = w[RATE + lane], w[RATE + L + lane], w[RATE + 2 * L + lane]
-        mean, half = 0.5 * (w[out + lane] + w[out + L + lane]), 0.5 * (w[out + lane] - w[out + L + lane])
-        shear = w[out + 2 * L + lane]
-        t_xx, t_yy, t_xy = w[ty + lane], w[ty + L + lane], w[ty + 2 * L + lane]
-        tz, t1, t2 = w[ty + 3 * L + lane], w[ty + 4 * L + lane], w[ty + 5 * L + lane]
+        first, second, shear = w[COLUMN_SLOPE + lane], w[COLUMN_SLOPE + L + lane], w[COLUMN_SLOPE + 2 * L + lane]
+        mean, half = 0.5 * (first + second), 0.5 * (first - second)
+        t_xx, t_yy, t_xy = w[COLUMN_TY + lane], w[COLUMN_TY + L + lane], w[COLUMN_TY + 2 * L + lane]
+        tz, t1, t2 = w[COLUMN_TY + 3 * L + lane], w[COLUMN_TY + 4 * L + lane], w[COLUMN_TY + 5 * L + lane]
         # relative change of p, then of s, d, ds, a_n and f
         relative = -0.5 * (t_xx + t_yy) * inverse
         v1 = -0.5 * (t_xx - t_yy) * inverse - s1 * relative
@@ -287,7 +297,7 @@ def _column(w, feedback, rotation, network, ty, out, o_v, o_d, o_g):
         df = w[FORCE + lane] * (relative - tz / w[TRIAL_Z + lane])
         for i in range(3):
             row = JACOBIAN + i * INPUTS * L + lane
-            w[out + (3 + i) * L + lane] = (
+            w[COLUMN_SLOPE + (3 + i) * L + lane] = (
                 w[row + IN_D * L] * dd
                 + w[row + IN_S1 * L] * w1
                 + w[row + IN_S2 * L] * w2
