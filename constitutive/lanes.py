@@ -9,6 +9,7 @@ Compression is positive in p, s, d and all harmonics inside; stress and strain r
 """
 
 from itertools import count
+from typing import Any
 
 LANES = 16
 """A multiple of every vector width; small enough that a workspace stays in the first-level cache."""
@@ -106,5 +107,5 @@ SIZE = next(_next) * LANES
 LOSS, GAIN, ROTATION, FEEDBACK, SELF_CONSISTENT, DENSITY, CLOSED_FORM = range(7)
 HARMONIC, MAXIMUM_ENTROPY = 0, 1
 
-KERNEL_OPTIONS = {"fastmath": {"contract"}}
+KERNEL_OPTIONS: dict[str, Any] = {"fastmath": {"contract"}}
 """Multiply-add in one rounding is the same for every lane; nothing else of IEEE arithmetic is given up."""

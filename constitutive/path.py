@@ -221,20 +221,20 @@ def drive(
         Also when a point fails on the way: then with what was reached and the reason.
     """
     stress = np.array([initial_stress], dtype=np.float64)
-    state = law.initial_state(stress) if state is None else state.copy()
+    now: Array = law.initial_state(stress) if state is None else state.copy()
     strain = np.zeros((1, 3))
     if not -0.5 * (stress[0, 0] + stress[0, 1]) > 0.0:
         raise ParameterError(
             f"initial.stress = {list(initial_stress)!r} is not compressive: grains need a positive mean pressure "
             "p = -(s_xx + s_yy)/2 (tension is positive)"
         )
-    recorder = _Recorder(law, stress, state)
-    recorder.add(stress, state, strain, 0, 0, False)
-    stress_end, state_end, strain_increment = np.zeros_like(stress), np.zeros_like(state), np.zeros((1, 3))
+    recorder = _Recorder(law, stress, now)
+    recorder.add(stress, now, strain, 0, 0, False)
+    stress_end, state_end, strain_increment = np.zeros_like(stress), np.zeros_like(now), np.zeros((1, 3))
     total, done = sum(leg.increments for leg in legs), 0
 
     def history(finished: bool, message: str) -> PathHistory:
-        return PathHistory(recorder.columns(), finished, message, stress, state, strain)
+        return PathHistory(recorder.columns(), finished, message, stress, now, strain)
 
     for number, leg in enumerate(legs):
         control, ends = _increments(leg, stress, strain)
@@ -243,7 +243,7 @@ def drive(
                 return history(False, f"stopped after {done} of {total} increments")
             increment = end - np.where(control == 1, stress[0], strain[0])
             report = law.update_mixed(
-                control[None, :], increment[None, :], stress, state, stress_end, state_end, strain_increment
+                control[None, :], increment[None, :], stress, now, stress_end, state_end, strain_increment
             )
             if report.failed:
                 return history(
@@ -255,10 +255,10 @@ def drive(
             strain[0] = np.where(control == 1, strain[0], end)
             stress, stress_end = stress_end, stress
             stress[0] = np.where(control == 1, end, stress[0])
-            state, state_end = state_end, state
+            now, state_end = state_end, now
             done += 1
             recorder.add(
-                stress, state, strain, int(report.substeps[0]), int(report.rejected[0]), report.limited > 0
+                stress, now, strain, int(report.substeps[0]), int(report.rejected[0]), report.limited > 0
             )
             if on_step is not None:
                 on_step(done, total)

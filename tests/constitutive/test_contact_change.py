@@ -58,7 +58,8 @@ def test_closed_form_equals_quadrature(seed):
     closed = workspace(inputs)
     closed_form_change(closed, True, True, True)
     expected = by_quadrature(inputs, HARMONIC)
-    for row, shape, tolerance in ((VALUE, (2, 3), 2e-12), (BY_V, (18,), 2e-12), (BY_A, (12,), 2e-12), (BY_N, (6,), 1e-10)):
+    rows = ((VALUE, (2, 3), 2e-12), (BY_V, (18,), 2e-12), (BY_A, (12,), 2e-12), (BY_N, (6,), 1e-10))
+    for row, shape, tolerance in rows:
         assert block(closed, row, *shape) == pytest.approx(block(expected, row, *shape), abs=tolerance)
 
 

@@ -217,7 +217,7 @@ def test_mixed_control_agrees_with_strain_control(control):
     """Strains that a mixed increment returns, imposed as strains, give its stress back, to the tolerance of both."""
     points = Points(law(tolerance=1e-10), (-1.2e5, -0.9e5, 1e4))
     increment = np.where(np.array(control) == 1, [-4e3, 3e3, 2e3], [-2e-5, 1e-5, 5e-6])
-    stress, state, strain, report = points.mixed(control, increment)
+    stress, _, strain, report = points.mixed(control, increment)
     assert report.failed == 0
     given = np.where(np.array(control) == 1, stress[0] - points.stress[0], strain[0])
     assert given == pytest.approx(increment, rel=1e-12)

@@ -62,7 +62,7 @@ def test_order(name, counts, exact):
 
 @pytest.mark.parametrize("name", ["modified_euler", "bogacki_shampine", "dormand_prince"])
 def test_true_error_below_tolerance(name, exact):
-    """The order used is one above the estimated one, so that errors of all substeps together stay near one tolerance."""
+    """The order used is one above the estimated one, so that all substeps together stay near one tolerance."""
     taken = []
     for tolerance in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8):
         true_error, report = error(exact, integrator=name, tolerance=tolerance)

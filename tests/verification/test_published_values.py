@@ -69,4 +69,5 @@ def test_force_closure():
     a_t = np.array([c["tangential_force_anisotropy_1"], c["tangential_force_anisotropy_2"]])
     assert np.allclose(a_n, 1.1 * s, atol=1e-14)
     assert np.allclose(a_c + a_n + a_t, 2 * s, atol=1e-14)
-    assert np.allclose(c["mean_normal_force"], c["p"] / c["p"][0] * c["coordination"][0] / c["coordination"], rtol=1e-13)
+    force = c["p"] / c["p"][0] * c["coordination"][0] / c["coordination"]
+    assert np.allclose(c["mean_normal_force"], force, rtol=1e-13)
