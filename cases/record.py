@@ -36,10 +36,11 @@ def versions() -> dict[str, str]:
     return found
 
 
-def resolved(loaded: LoadedScene, effects: Effects) -> dict[str, Any]:
+def resolved(loaded: LoadedScene, effects: Effects | None) -> dict[str, Any]:
     """The scene with all defaults filled in, effects decided and the mesh file as an absolute path."""
     table = loaded.scene.model_dump(exclude_none=True, exclude_defaults=False)
-    table["effects"] = asdict(effects)
+    if effects is not None:
+        table["effects"] = asdict(effects)
     if table.get("mesh", {}).get("file"):
         table["mesh"]["file"] = str((loaded.file.parent / table["mesh"]["file"]).resolve())
     return {"title": table.pop("title"), "kind": table.pop("kind"), **table}
@@ -83,7 +84,7 @@ class Record:
             "message": self.message,
             "started": self.started,
             "versions": versions(),
-            "effects": self.scene["effects"],
+            "effects": self.scene.get("effects", {}),
             "timing": {name: round(seconds, 6) for name, seconds in self.timing.items()},
             **self.details,
             "scene": self.scene,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,16 @@ from pydantic import ValidationError
 from . import catalogue
 from .complaints import sentence
 from .errors import InputError, unknown
+from .material_file import read_material
 from .schema import MODELS, Scene
+from .toml_file import read_table
 
-BARE_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
+BARE_WORD = re.compile(r"(?:\.{0,2}/)*[A-Za-z_][A-Za-z0-9_./-]*")
 """A value of `--set` that is not TOML but looks like this is taken as text: the shell needs no double quotes."""
+
+
+Origins = dict[tuple[str, ...], Path]
+"""File from which a key came, where that is not the scene file."""
 
 
 @dataclass(frozen=True)
@@ -34,48 +40,33 @@ class LoadedScene:
         The checked content with all defaults filled in.
     assigned : tuple of tuple
         Keys given by `--set`.
+    included : dict
+        Keys that came from a material file, with that file.
     """
 
     name: str
     file: Path
     scene: Any
     assigned: tuple[tuple[str, ...], ...] = ()
+    included: Origins = field(default_factory=dict)
 
     def origin(self, keys: Sequence[Any]) -> str:
-        """Where a key was given: the file, or `--set`."""
-        return _origin(self.file, self.assigned, keys)
+        """Where a key was given: the scene file, `--set` or the material file."""
+        return _origin(self.file, self.assigned, keys, self.included)
 
     def error(self, keys: Sequence[Any], text: str) -> InputError:
         """Error about a key, beginning with where it was given."""
         return InputError(f"{self.origin(keys)}: {text}")
 
 
-def _origin(file: Path, assigned: Sequence[tuple[str, ...]], keys: Sequence[Any]) -> str:
+def _origin(
+    file: Path, assigned: Sequence[tuple[str, ...]], keys: Sequence[Any], included: Origins | None = None
+) -> str:
     path = tuple(str(key) for key in keys)
     for given in assigned:
         if path and path[: len(given)] == given:
             return "--set"
-    return str(file)
-
-
-def read_table(file: Path) -> dict[str, Any]:
-    """Content of a TOML file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or is not TOML.
-    """
-    try:
-        return tomllib.loads(file.read_bytes().decode("utf-8"))
-    except UnicodeDecodeError as error:
-        raise InputError(f"{file}: not a text in UTF-8 (byte {error.start})") from error
-    except ValueError as error:  # tomllib's own error, and Python's on integers of thousands of digits
-        raise InputError(f"{file}: not valid TOML: {error}") from error
-    except RecursionError as error:
-        raise InputError(f"{file}: not valid as a scene: tables nested too deeply") from error
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror}") from error
+    return str((included or {}).get(path, file))
 
 
 def parse_assignment(text: str) -> tuple[tuple[str, ...], Any]:
@@ -131,7 +122,12 @@ def assign(table: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
             here = here[place]
 
 
-def check(table: dict[str, Any], file: Path, assigned: Sequence[tuple[str, ...]] = ()) -> Scene:
+def check(
+    table: dict[str, Any],
+    file: Path,
+    assigned: Sequence[tuple[str, ...]] = (),
+    included: Origins | None = None,
+) -> Scene:
     """Check a table against the schema of its kind.
 
     Raises
@@ -150,7 +146,31 @@ def check(table: dict[str, Any], file: Path, assigned: Sequence[tuple[str, ...]]
         return model.model_validate(table)
     except ValidationError as error:
         keys, text = sentence(error, model, table)
-        raise InputError(f"{_origin(file, assigned, keys)}: {text}") from error
+        raise InputError(f"{_origin(file, assigned, keys, included)}: {text}") from error
+
+
+def _include_material(table: dict[str, Any], folder: Path, wins: bool) -> Origins:
+    """Replace the key `material_file` of a scene by the tables of that file; which keys came from there.
+
+    Keys that the scene has itself are kept unless the file `wins`.
+    """
+    name, kind = table.get("material_file"), table.get("kind")
+    if not isinstance(name, str) or not isinstance(kind, str) or kind not in MODELS:
+        return {}  # the check refuses it
+    if "material_file" not in MODELS[kind].model_fields:
+        return {}
+    del table["material_file"]
+    file = folder / name
+    origins: Origins = {}
+    for section, entries in read_material(file).items():
+        own = table.setdefault(section, {})
+        if not isinstance(own, dict):
+            continue
+        for key, value in entries.items():
+            if wins or key not in own:
+                own[key] = value
+                origins[section, key] = file
+    return origins
 
 
 def load(scene: str, assignments: Sequence[str] = ()) -> LoadedScene:
@@ -161,7 +181,8 @@ def load(scene: str, assignments: Sequence[str] = ()) -> LoadedScene:
     scene : str
         Shipped name, scene file or folder.
     assignments : sequence of str
-        ``key=value`` texts that override the file.
+        ``key=value`` texts that override the file, in this order. The tables of a material file named in the scene
+        yield to the scene's own keys; those of ``material_file=...`` given here replace them.
 
     Raises
     ------
@@ -170,9 +191,12 @@ def load(scene: str, assignments: Sequence[str] = ()) -> LoadedScene:
     """
     file = catalogue.find(scene)
     table = read_table(file)
+    included = _include_material(table, file.parent, wins=False)
     assigned = []
     for text in assignments:
         path, value = parse_assignment(text)
         assign(table, path, value)
+        if path == ("material_file",):
+            included |= _include_material(table, Path(), wins=True)
         assigned.append(path)
-    return LoadedScene(file.stem, file, check(table, file, assigned), tuple(assigned))
+    return LoadedScene(file.stem, file, check(table, file, assigned, included), tuple(assigned), included)

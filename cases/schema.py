@@ -6,29 +6,22 @@ not a number. All quantities are in SI units; stresses and strains are tension p
 xx, yy, xy.
 """
 
+# ruff: noqa: RUF012  (pydantic copies the default lists of its models)
+
 from __future__ import annotations
 
 from dataclasses import MISSING, fields
 from typing import Annotated, Any, Literal, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
+from pydantic import Field, create_model, model_validator
 
 from constitutive.effects import Effects
 from constitutive.parameters import Closure, Integration, Material, ParameterError
 
-Control = Literal["stress", "strain"]
+from .schema_base import Control, Increments, Pair, Positive, Scene, Section, Triple
+from .schema_dem import DemScene
+
 Component = Literal["x", "y"]
-Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
-Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
-Positive = Annotated[float, Field(gt=0.0)]
-Increments = Annotated[int, Field(ge=1, le=10_000_000)]
-Text = Annotated[str, Field(max_length=20_000)]
-
-
-class Section(BaseModel):
-    """A table of a scene file: unknown keys are errors, values are not converted, numbers are finite."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
 def _material_section() -> type[Section]:
@@ -250,17 +243,18 @@ class Output(Section):
     pictures: bool = True
 
 
-class Scene(Section):
-    """What every scene has."""
+class LawScene(Scene):
+    """What scenes have that use the point law."""
 
-    title: Annotated[str, Field(min_length=1, max_length=200)]
-    description: Text = ""
+    material_file: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None, description="tables [material] and [closure] as `granfabric dem` measures them"
+    )
     closure: ClosureSection = ClosureSection()
     effects: EffectsSection = EffectsSection()
     integration: IntegrationSection = IntegrationSection()
 
 
-class PointScene(Scene):
+class PointScene(LawScene):
     """One material point along a path of stress or strain."""
 
     kind: Literal["point"]
@@ -270,7 +264,7 @@ class PointScene(Scene):
     output: Output = Output()
 
 
-class FieldScene(Scene):
+class FieldScene(LawScene):
     """A boundary-value problem."""
 
     kind: Literal["field"]
@@ -289,7 +283,7 @@ class FieldScene(Scene):
         return self
 
 
-MODELS: dict[str, type[Scene]] = {"point": PointScene, "field": FieldScene}
+MODELS: dict[str, type[Scene]] = {"point": PointScene, "field": FieldScene, "dem": DemScene}
 """Model of each kind of scene; a new kind is added here."""
 
 
@@ -297,5 +291,5 @@ def json_schema() -> dict[str, Any]:
     """JSON schema of all kinds of scene, for editors."""
     from pydantic import TypeAdapter
 
-    union: Any = Annotated[PointScene | FieldScene, Field(discriminator="kind")]
+    union: Any = Annotated[PointScene | FieldScene | DemScene, Field(discriminator="kind")]
     return TypeAdapter(union).json_schema()
