@@ -7,7 +7,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
-import meshio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +15,7 @@ from constitutive.contract import LawDescription
 from .projection import Projection
 from .results import StepResult
 from .space import Space
+from .vtu import GridWriter
 
 Array = NDArray[np.float64]
 
@@ -97,10 +97,10 @@ class FieldWriter:
         self._space = space
         self._description = description
         self._projection = Projection(space)
-        self._nodes = padded_vector(space.nodes)
-        self._cells = [(_CELL_TYPES[space.element], _counter_clockwise(space))]
-        self._points = padded_vector(space.points)
-        self._point_cells = [("vertex", np.arange(space.npoints).reshape(-1, 1))]
+        self._grids = {
+            FIELDS: GridWriter(padded_vector(space.nodes), _CELL_TYPES[space.element], _counter_clockwise(space)),
+            POINTS: GridWriter(padded_vector(space.points), "vertex", np.arange(space.npoints).reshape(-1, 1)),
+        }
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             probe = self.folder / ".writable"
@@ -147,24 +147,14 @@ class FieldWriter:
         at_points["status"] = result.status.astype(np.int32)
         at_points["displacement"] = padded_vector(self._space.interpolate(result.displacement.reshape(-1, 2)))
         try:
-            self._write(FIELDS, time, result.step, self._nodes, self._cells, at_nodes)
-            self._write(POINTS, time, result.step, self._points, self._point_cells, at_points)
+            self._write(FIELDS, time, result.step, at_nodes)
+            self._write(POINTS, time, result.step, at_points)
         except OSError as error:
             raise OutputError(f"output folder {self.folder} cannot be written: {error.strerror or error}") from None
 
-    def _write(
-        self,
-        name: str,
-        time: float,
-        step: int,
-        points: Array,
-        cells: list[tuple[str, NDArray[np.int64]]],
-        fields: dict[str, Array],
-    ) -> None:
+    def _write(self, name: str, time: float, step: int, fields: dict[str, Array]) -> None:
         file = f"{name}_{step:04d}.vtu"
-        hidden = self.folder / f".{file}"
-        meshio.vtu.write(str(hidden), meshio.Mesh(points, cells, point_data=fields), compression="zlib")
-        os.replace(hidden, self.folder / file)
+        self._grids[name].write(self.folder / file, fields)
         series = [entry for entry in self._series[name] if entry[1] != file]
         series.append((time, file))
         self._series[name] = series
