@@ -27,7 +27,7 @@ from dem_ref.measure import (
     love_weber_stress,
     sliding_fraction,
 )
-from dem_ref.motion import DAMPING, STEP, Motion
+from dem_ref.motion import DAMPING, REFRESH, STEP, Motion
 from dem_ref.path import Segment
 from dem_ref.sample import Sample, SampleError, read_arrays, sample_arrays, sample_from_arrays, write_atomically
 from dem_ref.servo import LegState, Loading, RateLimits
@@ -71,6 +71,15 @@ class RunOptions:
         return json.dumps(asdict(self), sort_keys=True)
 
 
+def refresh_for(limits: RateLimits) -> float:
+    """Travel before directions are computed anew: a fifteenth of the unbalanced force allowed, 2e-5 to 2e-4.
+
+    A direction that is off turns a contact force by that angle; a fifteenth of the imbalance that the loading itself is
+    allowed does not show, and fast loadings are spared a refresh every few steps.
+    """
+    return min(2.0e-4, max(REFRESH, limits.unbalanced_force / 15.0))
+
+
 class DemRun:
     """Carries a sample along its segments.
 
@@ -96,7 +105,13 @@ class DemRun:
         if not (options.record_stress_ratio > 0.0 and options.record_strain > 0.0):
             raise SampleError("record_stress_ratio and record_strain must be > 0")
         self.options = options
-        self.motion = Motion(sample.copy(), step=options.step, damping=options.damping, threads=threads)
+        self.motion = Motion(
+            sample.copy(),
+            step=options.step,
+            damping=options.damping,
+            refresh=refresh_for(options.limits),
+            threads=threads,
+        )
         self.motion.stress[:] = love_weber_stress(self.motion.sample)
         self.initial_pressure = stress_invariants(self.motion.stress)[0]
         if self.initial_pressure <= 0.0:
