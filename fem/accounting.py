@@ -51,3 +51,10 @@ class Accounting:
     def counters(self) -> dict[str, int]:
         """All counts by name."""
         return {name: value for name, value in asdict(self).items() if name != "seconds"}
+
+    def take_up(self, counters: dict[str, int], seconds: dict[str, float]) -> None:
+        """Go on counting from an earlier part of the run; time already spent in this part is added."""
+        for name in self.counters():
+            setattr(self, name, counters[name])
+        for name in self.seconds:
+            self.seconds[name] += seconds[name]

@@ -12,7 +12,7 @@ from .control import StepControl
 from .linear_solver import make_solver
 from .problem import Problem
 from .quadrature_material import QuadratureMaterial
-from .tangent_solver import TangentSolver
+from .tangent_solver import FactorMemory, TangentSolver
 from .vectors import norm
 
 Array = NDArray[np.float64]
@@ -87,6 +87,25 @@ class Equilibrium:
         self._full[:] = 0.0
         self._tangent_matrix = TangentAssembler(self.space, self.free)
         self._solver.reset()
+
+    def factor_memory(self) -> FactorMemory:
+        """What the linear solver remembers."""
+        return self._solver.memory()
+
+    def restore_factor(self, memory: FactorMemory) -> None:
+        """Let the linear solver go on as if it had never stopped; after `constrain`.
+
+        Raises
+        ------
+        FactorisationError
+        """
+        assert self._tangent_matrix is not None
+        self._solver.restore(memory, self._tangent_matrix.matrix)
+
+    def pattern_size(self) -> int:
+        """Number of entries of the tangent matrix; after `constrain`."""
+        assert self._tangent_matrix is not None
+        return int(self._tangent_matrix.matrix.nnz)
 
     def worth_solving(self, right_hand_side: Array, external: Array) -> bool:
         """Whether a predicted residual is above what counts as equilibrium."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
@@ -81,8 +82,9 @@ class FieldWriter:
         Created if missing.
     space : Space
     description : LawDescription
-    keep_until : float, optional
-        Going on with a run: keep the entries of existing `.pvd` files up to this time.
+    keep : callable, optional
+        Going on with a run: told a step's number, whether its files and its entry in the series are kept. Without it
+        the series begin anew.
 
     Raises
     ------
@@ -91,7 +93,11 @@ class FieldWriter:
     """
 
     def __init__(
-        self, folder: str | Path, space: Space, description: LawDescription, keep_until: float | None = None
+        self,
+        folder: str | Path,
+        space: Space,
+        description: LawDescription,
+        keep: Callable[[int], bool] | None = None,
     ) -> None:
         self.folder = Path(folder)
         self._space = space
@@ -108,18 +114,26 @@ class FieldWriter:
             probe.unlink()
         except OSError as error:
             raise OutputError(f"output folder {self.folder} cannot be written: {error.strerror or error}") from None
-        self._series = {name: self._existing(name, keep_until) for name in (FIELDS, POINTS)}
+        self._series = {name: self._existing(name, keep) for name in (FIELDS, POINTS)}
 
-    def _existing(self, name: str, keep_until: float | None) -> list[tuple[float, str]]:
+    def _existing(self, name: str, keep: Callable[[int], bool] | None) -> list[tuple[float, str]]:
         path = self.folder / f"{name}.pvd"
-        if keep_until is None or not path.is_file():
+        if keep is None or not path.is_file():
             return []
         try:
             entries = ElementTree.parse(path).getroot().iter("DataSet")
-            kept = [(float(entry.attrib["timestep"]), entry.attrib["file"]) for entry in entries]
+            series = [(float(entry.attrib["timestep"]), entry.attrib["file"]) for entry in entries]
+            kept = [(time, file) for time, file in series if keep(int(file.removesuffix(".vtu").rpartition("_")[2]))]
         except (ElementTree.ParseError, KeyError, ValueError):
             raise OutputError(f"{path} is damaged; remove it or choose another output folder") from None
-        return [(time, file) for time, file in kept if time <= keep_until * (1 + 1e-12)]
+        for _, file in kept:
+            if not (self.folder / file).is_file():
+                raise OutputError(f"{path} names {file}, which is gone; choose another output folder")
+        if kept != series:
+            self._write_series(name, kept)
+            for _, file in set(series) - set(kept):
+                (self.folder / file).unlink(missing_ok=True)
+        return kept
 
     def write(
         self,
@@ -158,6 +172,9 @@ class FieldWriter:
         series = [entry for entry in self._series[name] if entry[1] != file]
         series.append((time, file))
         self._series[name] = series
+        self._write_series(name, series)
+
+    def _write_series(self, name: str, series: list[tuple[float, str]]) -> None:
         lines = [f'    <DataSet timestep="{stamp!r}" part="0" file={quoteattr(entry)}/>' for stamp, entry in series]
         text = "\n".join(
             ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>", *lines]

@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .accounting import Accounting
+from .checkpoint import Checkpoint, SolverMemory
 from .control import ControlError, StepControl
 from .equilibrium import Equilibrium
+from .initial import boundary_sums, named_nodes
+from .linear_solver import FactorisationError
 from .load_program import StageTerms
 from .newton import StepOutcome, newton_step
 from .problem import Problem
@@ -28,13 +31,16 @@ SMALLEST_PROPOSAL = 0.1
 # Steps that would leave less than this fraction of themselves are stretched to the end of the stage.
 SLIVER = 1e-9
 
+STOPPED = "stopped on request"
+
 
 def solve(
     problem: Problem,
     control: StepControl | None = None,
     on_step: Callable[[StepResult], None] | None = None,
     stop: Callable[[], bool] | None = None,
-    resume: StepResult | None = None,
+    resume: StepResult | Checkpoint | None = None,
+    on_checkpoint: Callable[[Checkpoint], None] | None = None,
 ) -> RunSummary:
     """Run all stages.
 
@@ -46,9 +52,13 @@ def solve(
         Called with each accepted step.
     stop : callable, optional
         Asked before each attempt; True ends the run cleanly.
-    resume : StepResult, optional
-        Go on after this step of the same problem. Newton's iterates may then differ within the tolerance, because the
-        predictor starts from the tangent of a zero increment instead of the last converged one.
+    resume : StepResult or Checkpoint, optional
+        Go on after this step of the same problem. From a checkpoint the same bits follow; from a step alone Newton's
+        iterates may differ within the tolerance, because the predictor starts from the tangent of a zero increment
+        instead of the last converged one.
+    on_checkpoint : callable, optional
+        Called after `on_step` with all that the rest of the run depends on. The solver's own arrays: to be saved or
+        copied within the call.
 
     Returns
     -------
@@ -62,7 +72,10 @@ def solve(
     LinearSolverError
         If the chosen linear solver is not installed.
     """
-    return _Run(problem, control or StepControl(), on_step, stop).execute(resume)
+    run = _Run(problem, control or StepControl(), on_step, stop, on_checkpoint)
+    if isinstance(resume, Checkpoint):
+        return run.execute(resume.result, resume.memory)
+    return run.execute(resume, None)
 
 
 class _Run:
@@ -72,27 +85,30 @@ class _Run:
         control: StepControl,
         on_step: Callable[[StepResult], None] | None,
         stop: Callable[[], bool] | None,
+        on_checkpoint: Callable[[Checkpoint], None] | None,
     ) -> None:
         self._problem = problem
         self._control = control
         self._on_step = on_step
         self._stop = stop
+        self._on_checkpoint = on_checkpoint
         self._accounting = Accounting()
         with self._accounting.phase("setup"):
             self._system = Equilibrium(problem, control, self._accounting)
             space = problem.space
-            self._nodes = {name: space.boundary_nodes(name) for name in space.host_mesh.boundaries}
+            self._nodes = named_nodes(space)
         self._step = 0
         self._reference = np.zeros(space.ndofs)
         self._failed_point: FailedPoint | None = None
 
-    def execute(self, resume: StepResult | None) -> RunSummary:
+    def execute(self, resume: StepResult | None, memory: SolverMemory | None) -> RunSummary:
         first = 0
         if resume is not None:
             first = self._restore(resume)
         try:
             for index in range(first, len(self._problem.stages)):
-                fraction, message = self._stage(index, resume if index == first else None)
+                again = index == first
+                fraction, message = self._stage(index, resume if again else None, memory if again else None)
                 if message:
                     return self._summary(False, message, index, fraction)
         finally:
@@ -152,17 +168,38 @@ class _Run:
     def _force_start(self, index: int, terms: StageTerms) -> Array:
         return terms.force_end if index == 0 and self._problem.starts_loaded else terms.force_start
 
-    def _stage(self, index: int, resume: StepResult | None) -> tuple[float, str]:
+    def _take_up(self, memory: SolverMemory) -> None:
+        """Solvers go on as if they had never stopped."""
+        system = self._system
+        for name, ours, given in (
+            ("tangent", system.material.tangent_start, memory.tangent),
+            ("correction", system.free, memory.last_correction),
+            ("matrix", np.empty(system.pattern_size()), memory.factor.values),
+        ):
+            if given is not None and ours.shape != given.shape:
+                raise ControlError(f"the checkpoint has a {name} of shape {given.shape}, this problem {ours.shape}")
+        system.material.tangent_start[:] = memory.tangent
+        system.force_scale = memory.force_scale
+        self._accounting.take_up(memory.counters, memory.seconds)
+        try:
+            system.restore_factor(memory.factor)
+        except FactorisationError as error:
+            raise ControlError(f"the checkpoint's matrix cannot be factorised: {error}") from None
+
+    def _stage(self, index: int, resume: StepResult | None, memory: SolverMemory | None) -> tuple[float, str]:
         """Run one stage; the fraction reached and a message if it could not be finished."""
         control, system = self._control, self._system
         terms = self._problem.program.terms[index]
         nominal = 1.0 / terms.stage.increments
+        if self._stop is not None and self._stop():
+            return 0.0 if resume is None else resume.fraction, STOPPED
         with self._accounting.phase("setup"):
             system.constrain(terms.constrained)
-        # A new stage turns the direction of loading, for which the last converged tangent is a bad guide.
-        report = system.material.still_tangent(control.tangent_kind)
-        if report.failed:
-            return 0.0, f"stage {terms.stage.name!r} starts from a state without a tangent: {report.message}"
+        if memory is None:
+            # A new stage turns the direction of loading, for which the last converged tangent is a bad guide.
+            report = system.material.still_tangent(control.tangent_kind)
+            if report.failed:
+                return 0.0, f"stage {terms.stage.name!r} starts from a state without a tangent: {report.message}"
         with self._accounting.phase("setup"):
             start = self._start_stage(index, terms) if resume is None else resume.stage_start
         system.start_scale(self._reference + self._force_start(index, terms) + start.fading)
@@ -172,10 +209,13 @@ class _Run:
         increment = control.first_factor * nominal if resume is None else resume.next_increment
         last_correction: Array | None = None
         last_increment = increment
+        if memory is not None:
+            self._take_up(memory)
+            last_correction, last_increment = memory.last_correction, memory.last_increment
         cuts, iterations, factorisations = 0, 0, self._accounting.factorisations
         while fraction < 1.0:
             if self._stop is not None and self._stop():
-                return fraction, "stopped on request"
+                return fraction, STOPPED
             steps_left = max(1, math.ceil((1.0 - fraction) / increment * (1.0 - SLIVER)))
             tried = (1.0 - fraction) / steps_left
             end = 1.0 if steps_left == 1 else fraction + tried
@@ -210,14 +250,29 @@ class _Run:
             self._failed_point = None
             if outcome.iterations <= control.easy_iterations:
                 increment = min(max(increment, tried) * control.grow, control.largest_factor * nominal)
-            if self._on_step is not None:
+            if self._on_step is not None or self._on_checkpoint is not None:
                 done = self._accounting.factorisations - factorisations
                 with self._accounting.phase("state"):
                     result = self._result(terms, start, external, outcome, fraction, increment, iterations, done, cuts)
                 with self._accounting.phase("output"):
-                    self._on_step(result)
+                    if self._on_step is not None:
+                        self._on_step(result)
+                    if self._on_checkpoint is not None:
+                        self._on_checkpoint(Checkpoint(result, self._memory(last_correction, last_increment)))
             cuts, iterations, factorisations = 0, 0, self._accounting.factorisations
         return fraction, ""
+
+    def _memory(self, last_correction: Array, last_increment: float) -> SolverMemory:
+        system = self._system
+        return SolverMemory(
+            system.material.tangent_start,
+            last_correction,
+            last_increment,
+            system.force_scale,
+            system.factor_memory(),
+            self._accounting.counters(),
+            dict(self._accounting.seconds),
+        )
 
     def _note_failure(self, outcome: StepOutcome) -> None:
         point, material = outcome.failed_point, self._system.material
@@ -251,11 +306,6 @@ class _Run:
         system, material = self._system, self._system.material
         support = np.zeros(system.space.ndofs)
         support[terms.constrained] = (system.internal_force - external)[terms.constrained]
-        by_node = support.reshape(-1, 2)
-        reactions = {}
-        for name, nodes in self._nodes.items():
-            x, y = by_node[nodes].sum(axis=0)
-            reactions[name] = (float(x), float(y))
         report = material.committed_report
         assert report is not None
         return StepResult(
@@ -263,7 +313,7 @@ class _Run:
             self._step,
             fraction,
             system.displacement.copy(),
-            reactions,
+            boundary_sums(self._nodes, support),
             material.stress_start.copy(),
             material.strain_start.copy(),
             material.state_start.copy(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,27 @@ LARGEST_COUNT_FRESH = 60
 LU_RENEWALS = 5
 
 
+@dataclass(frozen=True)
+class FactorMemory:
+    """What a `TangentSolver` remembers from one solve to the next.
+
+    Parameters
+    ----------
+    values : ndarray, shape (nnz,), optional
+        Entries of the matrix whose factor is kept, in the order of the pattern; None if there is no factor.
+    exact : bool
+        Whether the factor is that of the matrix itself, not of its symmetric part.
+    lu_renewals, excess : int
+    count_when_fresh : int, optional
+    """
+
+    values: Array | None = None
+    exact: bool = False
+    lu_renewals: int = 0
+    excess: int = 0
+    count_when_fresh: int | None = None
+
+
 class TangentSolver:
     """Solve ``K x = b`` for a slowly changing, possibly unsymmetric K.
 
@@ -48,6 +70,7 @@ class TangentSolver:
         self._accounting = accounting
         self._keep = keep_factor
         self._factor: Factor | None = None
+        self._values: Array | None = None
         self._exact = False
         self._lu_renewals = 0
         self._count_when_fresh: int | None = None
@@ -56,12 +79,36 @@ class TangentSolver:
     def reset(self) -> None:
         """Forget the factor (another set of unknowns, or a tangent that has nothing to do with the last)."""
         self._factor = None
+        self._values = None
         self._excess = 0
         self._lu_renewals = 0
+
+    def memory(self) -> FactorMemory:
+        """Everything on which later solves depend, but for the pattern; the array is not copied."""
+        return FactorMemory(self._values, self._exact, self._lu_renewals, self._excess, self._count_when_fresh)
+
+    def restore(self, memory: FactorMemory, pattern: csr_matrix) -> None:
+        """Take up a memory: the same solves follow, to the last bit. `pattern` receives the values of the factor.
+
+        Raises
+        ------
+        FactorisationError
+            If the matrix cannot be factorised again.
+        """
+        self.reset()
+        if memory.values is not None:
+            pattern.data[:] = memory.values
+            unsymmetric = memory.exact and self._solver.symmetric_only
+            with self._accounting.phase("factorise"):
+                self._factor = (self._unsymmetric if unsymmetric else self._solver).factorise(pattern)
+            self._values = pattern.data.copy()
+        self._exact, self._lu_renewals = memory.exact, memory.lu_renewals
+        self._excess, self._count_when_fresh = memory.excess, memory.count_when_fresh
 
     def _renew(self, matrix: Callable[[], csr_matrix]) -> None:
         values = matrix()
         self._factor = None
+        self._values = values.data.copy()
         self._excess = 0
         self._count_when_fresh = None
         self._exact = not self._solver.symmetric_only

@@ -113,5 +113,5 @@ class GridWriter:
 
 def _described(name: str, values: NDArray) -> str:
     """Attributes of an array but for its place in the file."""
-    components = 1 if values.ndim == 1 else values.shape[1]
-    return f'type="{_TYPES[values.dtype]}" Name={quoteattr(name)} NumberOfComponents="{components}"'
+    components = "" if values.ndim == 1 else f' NumberOfComponents="{values.shape[1]}"'
+    return f'type="{_TYPES[values.dtype]}" Name={quoteattr(name)}{components}'

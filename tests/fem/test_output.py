@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from xml.etree import ElementTree
 
+import meshio
 import numpy as np
 import pytest
 from fem_meshes import ELEMENTS, PLASTIC, distorted, nodal, run
@@ -17,6 +18,7 @@ from constitutive.contract import LawDescription, Variable
 from fem.loads import Displacement, Fixed, Stage
 from fem.output import FieldWriter, OutputError, padded_tensor, point_fields
 from fem.space import Space
+from fem.vtu import GridWriter
 
 PRESS = [Fixed("bottom"), Displacement("top", "y", -0.01)]
 VTK_CELLS = {"P1": VTK_TRIANGLE, "P2": VTK_QUADRATIC_TRIANGLE, "Q1": VTK_QUAD, "Q2": VTK_BIQUADRATIC_QUAD}
@@ -112,19 +114,61 @@ def test_state_of_vectors_and_tensors_is_padded_by_description():
     np.testing.assert_array_equal(padded_tensor(np.array([[1.0, 2.0, 4.0]]), 0.5)[0], [1, 2, 0, 2, 2, 0, 0, 0, 0])
 
 
-def test_going_on_keeps_the_series_up_to_a_time(tmp_path):
+def test_going_on_keeps_the_chosen_steps_of_the_series(tmp_path):
     space = Space(distorted("P1"), "P1")
     steps, _ = run(space, PLASTIC, [Stage("press", PRESS, 4)])
     writer = FieldWriter(tmp_path, space, PLASTIC.description)
     for step in steps[:3]:
         writer.write(step, step.fraction)
-    again = FieldWriter(tmp_path, space, PLASTIC.description, keep_until=0.5)
+    again = FieldWriter(tmp_path, space, PLASTIC.description, keep=lambda step: step <= 2)
+    assert not (tmp_path / "result_0003.vtu").exists()
+    assert [time for time, _ in series(tmp_path / "points.pvd")] == [0.25, 0.5]
     again.write(steps[2], 0.75)
     again.write(steps[3], 1.0)
     assert [time for time, _ in series(tmp_path / "result.pvd")] == [0.25, 0.5, 0.75, 1.0]
+    (tmp_path / "points_0002.vtu").unlink()
+    with pytest.raises(OutputError, match=r"names points_0002.vtu, which is gone"):
+        FieldWriter(tmp_path, space, PLASTIC.description, keep=lambda step: True)
+    (tmp_path / "result.pvd").write_text("<VTKFile")
+    with pytest.raises(OutputError, match="is damaged"):
+        FieldWriter(tmp_path, space, PLASTIC.description, keep=lambda step: True)
     fresh = FieldWriter(tmp_path, space, PLASTIC.description)
     fresh.write(steps[0], 0.25)
     assert len(series(tmp_path / "points.pvd")) == 1
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_meshio_reads_the_same(element, tmp_path):
+    space = Space(distorted(element), element)
+    steps, _ = run(space, PLASTIC, [Stage("press", PRESS, 1)])
+    FieldWriter(tmp_path, space, PLASTIC.description).write(steps[0], 1.0)
+    for name in ("result", "points"):
+        grid, other = read(tmp_path / f"{name}_0001.vtu"), meshio.read(tmp_path / f"{name}_0001.vtu")
+        np.testing.assert_array_equal(vtk_to_numpy(grid.GetPoints().GetData()), other.points)
+        cells = vtk_to_numpy(grid.GetCells().GetConnectivityArray())
+        np.testing.assert_array_equal(cells, np.concatenate([block.data.ravel() for block in other.cells]))
+        assert grid.GetPointData().GetNumberOfArrays() == len(other.point_data)
+        for field, values in other.point_data.items():
+            np.testing.assert_array_equal(array(grid, field), values)
+
+
+def test_a_field_of_another_size_is_refused_and_leaves_nothing(tmp_path):
+    writer = GridWriter(np.zeros((2, 3)), "vertex", np.arange(2).reshape(-1, 1))
+    with pytest.raises(ValueError, match=r"'a' has the shape \(3,\), but there are 2 points"):
+        writer.write(tmp_path / "points.vtu", {"a": np.zeros(3)})
+    assert not list(tmp_path.iterdir())
+
+
+def test_random_bytes_survive(tmp_path):
+    # Raw data may hold anything, the names of the tags around them included.
+    values = np.frombuffer(b"\n</AppendedData>_\n" * 8 + b"12345678" * 2, dtype=np.float64)
+    writer = GridWriter(np.zeros((len(values), 3)), "vertex", np.arange(len(values)).reshape(-1, 1))
+    random = np.random.default_rng(1).integers(0, 2**63, 1000).astype(np.int64)
+    writer.write(tmp_path / "a.vtu", {"tags": values})
+    np.testing.assert_array_equal(array(read(tmp_path / "a.vtu"), "tags"), values)
+    writer = GridWriter(np.zeros((1000, 3)), "vertex", np.arange(1000).reshape(-1, 1))
+    writer.write(tmp_path / "b.vtu", {"random": random})
+    np.testing.assert_array_equal(array(read(tmp_path / "b.vtu"), "random"), random)
 
 
 def test_folder_that_cannot_be_written_is_one_sentence(tmp_path):
