@@ -71,6 +71,22 @@ def point(scene: SceneArgument, output: OutputOption = None, assignments: SetOpt
 
 
 @app.command()
+def dem(
+    scene: SceneArgument,
+    output: OutputOption = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the folder.")] = False,
+    assignments: SetOption = None,
+) -> None:
+    """Pack and load disks by the discrete element method; measure the inputs of the point law."""
+    from .dem import run_dem
+    from .scene import load
+    from .screen import Screen
+
+    loaded = load(scene, assignments or [])
+    _exit(run_dem(loaded, _folder(output, loaded.name), Screen(), resume).outcome)
+
+
+@app.command()
 def scenes(
     name: Annotated[Optional[str], typer.Argument(metavar="[NAME]", help="Show the text of this scene.")] = None,  # noqa: UP045
     copy: Annotated[
@@ -97,7 +113,11 @@ def scenes(
         entry = entries[name]
         typer.echo(f"{entry.name} ({entry.kind}): {entry.title}\n\n{entry.description.strip()}")
         return
-    for kind, command in (("point", "granfabric point NAME"), ("field", "granfabric run NAME")):
+    for kind, command in (
+        ("point", "granfabric point NAME"),
+        ("field", "granfabric run NAME"),
+        ("dem", "granfabric dem NAME"),
+    ):
         typer.echo(f"{command}")
         for entry in entries.values():
             if entry.kind == kind:

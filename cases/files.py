@@ -16,9 +16,19 @@ from .errors import InputError
 RECORD = "run.json"
 HISTORY = "history.csv"
 SCENE = "scene.toml"
-PICTURES = ("overview.png", "microvariables.png", "fabric_decomposition.png")
-OWN_FILES = (RECORD, HISTORY, SCENE, "result.pvd", "points.pvd", "failed_point.toml", *PICTURES)
-OWN_PATTERNS = ("result_*.vtu", "points_*.vtu", ".granfabric-*", ".result*", ".points*")
+PACKING = "packing.npz"
+CHECKPOINT = "checkpoint.npz"
+MATERIAL = "material.toml"
+PICTURES = (
+    *("overview.png", "microvariables.png", "fabric_decomposition.png", "packing.png", "distributions.png"),
+    *(f"figure_{number}.png" for number in range(1, 5)),
+)
+SERIES = ("result", "points", "particles", "contacts")
+OWN_FILES = (
+    *(RECORD, HISTORY, SCENE, "failed_point.toml", PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
+    *(MATERIAL, "verify.csv", "verify.md", *(f"{name}.pvd" for name in SERIES), *PICTURES),
+)
+OWN_PATTERNS = (".granfabric-*", ".result*", ".points*", *(f"{name}_*.vtu" for name in SERIES))
 """What a run writes; only these are removed when a result folder is used again."""
 
 PROGRAM = "granfabric"

@@ -22,6 +22,10 @@ def draw_folder(folder: Path) -> list[Path]:
     record = files.read_record(folder)
     if record is None:
         raise InputError(f"{str(folder)!r} is not a result folder: it has no {files.RECORD} of {files.PROGRAM}")
+    if record["kind"] == "verify":
+        raise InputError(
+            f"{str(folder)!r} holds a comparison; `granfabric verify -o {folder}` draws it anew from the DEM runs there"
+        )
     if not (folder / files.HISTORY).is_file():
         raise InputError(f"{str(folder)!r} holds no {files.HISTORY}: nothing was computed before the run ended")
     return draw(folder, record["scene"])
@@ -49,6 +53,10 @@ def draw(folder: Path, scene: dict[str, Any]) -> list[Path]:
         from .plots_point import draw_point
 
         return draw_point(folder, columns, scene)
+    if scene["kind"] == "dem":
+        from .plots_dem import draw_dem
+
+        return draw_dem(folder, columns, scene)
     from .plots_field import draw_field
 
     return draw_field(folder, columns, scene)

@@ -10,7 +10,6 @@ from constitutive.path import Leg, PathHistory, drive
 from . import build, files
 from .compile_watch import watching
 from .effects_choice import resolve_effects
-from .errors import InputError
 from .interruption import stop_wish
 from .record import Record, resolved
 from .scene import LoadedScene
@@ -57,10 +56,7 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
         If the run broke off within a step.
     """
     scene = loaded.scene
-    if scene.kind != "point":
-        raise InputError(
-            f"{loaded.file}: kind = {scene.kind!r} is not a point scene; use `granfabric run {loaded.name}`"
-        )
+    loaded.require("point")
     effects = resolve_effects(scene)
     law, legs = build.law(loaded, effects), legs_of(scene)
     files.prepare_output(folder)

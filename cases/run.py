@@ -30,7 +30,6 @@ from fem.stepping import solve
 from . import build, files
 from .compile_watch import watching
 from .effects_choice import resolve_effects
-from .errors import InputError
 from .field_history import FieldHistory
 from .groups import check_groups, material_index, named_boundaries
 from .interruption import stop_wish
@@ -94,10 +93,7 @@ def prepare(loaded: LoadedScene) -> Prepared:
     InputError
     """
     scene = loaded.scene
-    if scene.kind != "field":
-        raise InputError(
-            f"{loaded.file}: kind = {scene.kind!r} is not a boundary-value problem; use `granfabric point`"
-        )
+    loaded.require("field")
     mesh = read_or_make_mesh(loaded)
     check_groups(loaded, mesh)
     index = material_index(loaded, mesh)

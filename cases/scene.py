@@ -22,6 +22,11 @@ BARE_WORD = re.compile(r"(?:\.{0,2}/)*[A-Za-z_][A-Za-z0-9_./-]*")
 """A value of `--set` that is not TOML but looks like this is taken as text: the shell needs no double quotes."""
 
 
+COMMANDS = {"point": "point", "field": "run", "dem": "dem"}
+"""Command that computes each kind of scene."""
+
+KIND_NAMES = {"point": "a point scene", "field": "a boundary-value problem", "dem": "a DEM scene"}
+
 Origins = dict[tuple[str, ...], Path]
 """File from which a key came, where that is not the scene file."""
 
@@ -53,6 +58,20 @@ class LoadedScene:
     def origin(self, keys: Sequence[Any]) -> str:
         """Where a key was given: the scene file, `--set` or the material file."""
         return _origin(self.file, self.assigned, keys, self.included)
+
+    def require(self, kind: str) -> None:
+        """See that the scene is of a kind.
+
+        Raises
+        ------
+        InputError
+            With the command that computes a scene of its kind.
+        """
+        if self.scene.kind != kind:
+            raise InputError(
+                f"{self.file}: kind = {self.scene.kind!r} is not {KIND_NAMES[kind]}; "
+                f"use `granfabric {COMMANDS[self.scene.kind]} {self.name}`"
+            )
 
     def error(self, keys: Sequence[Any], text: str) -> InputError:
         """Error about a key, beginning with where it was given."""

@@ -1,0 +1,264 @@
+"""Packing, measurement and loading of disks by the discrete element method: `granfabric dem`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dem_ref.biaxial import DemRun, RunOptions
+from dem_ref.material import measure_material
+from dem_ref.measure import contacts_of, coordination_number, fabric_anisotropy, unbalanced_force
+from dem_ref.neighbours import CellTooSmallError
+from dem_ref.packing import PackingError, make_packing
+from dem_ref.probes import ProbeError
+from dem_ref.sample import Sample, SampleError, load_sample, save_sample
+
+from . import files
+from .compile_watch import watching
+from .dem_path import PathError, packing_options, run_options
+from .dem_series import DemSeries
+from .errors import InputError
+from .interruption import StopWish, stop_wish
+from .material_file import law_tables
+from .record import Record, resolved
+from .scene import LoadedScene
+from .screen import Screen, spread
+from .toml_text import to_toml
+
+COMPILATION_SECONDS = 30
+"""Rough time to compile the kernels of the DEM, for the message on first use."""
+
+
+class _Stopped(Exception):
+    """Ctrl-C between two parts of the packing."""
+
+
+def measured_inputs(sample: Sample, rattlers: str = "included", loop_stress_ratio: float = 0.2) -> dict[str, float]:
+    """Everything measured on a packing that the point law may take, by the names of scene keys.
+
+    Besides `dem_ref.material.measure_material` the fabric of the packing itself, which is isotropic only on average.
+    """
+    fabric = fabric_anisotropy(contacts_of(sample))
+    measured = measure_material(sample, rattlers, loop_stress_ratio)
+    measured |= {"initial_fabric_xx": fabric[0], "initial_fabric_xy": fabric[1]}
+    return {name: float(value) for name, value in measured.items() if np.isfinite(value)}
+
+
+def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = False) -> Record:
+    """Compute a DEM scene and write its files.
+
+    Parameters
+    ----------
+    loaded : LoadedScene
+        Of kind "dem".
+    folder : Path
+        Result folder: new, empty, or of an earlier run, which is replaced, or continued with `resume`.
+    screen : Screen
+    resume : bool
+        Go on from the packing or the checkpoint in the folder.
+
+    Returns
+    -------
+    Record
+        As written to `run.json`; `outcome` is "finished", "stopped" or "failed".
+
+    Raises
+    ------
+    InputError
+        If the scene is of another kind, a leg does not follow, or the folder cannot be used; then nothing was written.
+    RunError
+        If the run broke off within a step; what was written before can be resumed.
+    """
+    scene = loaded.scene
+    loaded.require("dem")
+    try:
+        options = run_options(scene)
+    except PathError as error:
+        raise loaded.error(["path"], str(error)) from error
+    record = Record(folder, loaded.name, resolved(loaded, None))
+    if resume:
+        _check_resumable(folder, record)
+    else:
+        files.prepare_output(folder)
+    record.write()
+    with (
+        watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
+        stop_wish(screen.announce_stop) as stop,
+    ):
+        try:
+            sample = _packing(scene, record, screen, stop)
+            _measure(scene, sample, record, screen)
+            run = _load(loaded.name, options, sample, record, screen, stop)
+        except _Stopped:
+            record.outcome, record.message = "stopped", "stopped while packing"
+            run = None
+        except (PackingError, CellTooSmallError, SampleError) as error:
+            record.outcome, record.message = "failed", str(error)
+            run = None
+        except KeyboardInterrupt as error:
+            raise record.broken_off("interrupted within a step") from error
+        except OSError as error:
+            raise record.broken_off(f"results cannot be written any more: {error}") from error
+    record.timing["compilation"] = watch.seconds
+    if run is not None and scene.output.pictures:
+        from .plots import draw
+
+        with record.phase("pictures"):
+            draw(folder, record.scene)
+    record.write()
+    _report(run, record, screen)
+    return record
+
+
+def _check_resumable(folder: Path, record: Record) -> None:
+    """Refuse to go on with a folder that holds no DEM run of the same scene."""
+    earlier = files.read_record(folder)
+    if earlier is None or earlier.get("kind") != "dem":
+        raise InputError(f"{str(folder)!r} holds no DEM run to resume; leave out --resume to begin one")
+    for section in ("packing", "path", "rates", "measure", "output"):
+        if earlier["scene"].get(section) != record.scene.get(section):
+            raise InputError(
+                f"{str(folder)!r} holds a run with another [{section}]; resume it with the same scene and --set, "
+                "or leave out --resume to begin anew"
+            )
+
+
+def _packing(scene: Any, record: Record, screen: Screen, stop: StopWish) -> Sample:
+    """The packing, from its file if there is one."""
+    path = record.folder / files.PACKING
+    if path.is_file():
+        return load_sample(path)
+    with screen.progress("packing", 1.0) as advance, record.phase("packing"):
+
+        def report(text: str, fraction: float) -> None:
+            advance(fraction, text)
+            if stop.wished:
+                raise _Stopped
+
+        packing = scene.packing
+        sample = make_packing(packing.particles, packing.seed, packing_options(scene), report)
+    save_sample(path, sample)
+    return sample
+
+
+def _measure(scene: Any, sample: Sample, record: Record, screen: Screen) -> None:
+    """Measure the inputs of the point law once, to `material.toml`."""
+    contacts = contacts_of(sample)
+    z = coordination_number(sample, contacts)
+    record.details["packing"] = {
+        "particles": sample.count,
+        "contacts": contacts.count,
+        "void_ratio": sample.void_ratio,
+        "coordination": z.all_particles,
+        "coordination_without_rattlers": z.without_rattlers,
+        "unbalanced_force": unbalanced_force(sample, contacts),
+    }
+    path = record.folder / files.MATERIAL
+    if path.is_file() or not scene.measure.material:
+        return
+    with screen.progress("measuring", 1.0) as advance, record.phase("measuring"):
+        advance(0.0, "probes and a loop on copies of the packing")
+        try:
+            measured = measured_inputs(sample, scene.measure.rattlers, scene.measure.loop_stress_ratio)
+        except (ProbeError, SampleError) as error:
+            record.details["material"] = f"not measured: {error}"
+            screen.say(f"the inputs of the point law could not be measured: {error}")
+            return
+    files.write_text(path, material_text(measured, record.scene["title"]))
+    record.details["material"] = files.MATERIAL
+
+
+def material_text(measured: dict[str, float], origin: str) -> str:
+    """Text of a material file."""
+    head = (
+        f"# Measured on disks: {origin}\n"
+        "# Read by point and field scenes: material_file = ..., or --set material_file=...\n"
+    )
+    return head + to_toml(law_tables(measured)).lstrip()
+
+
+def _load(name: str, options: RunOptions, sample: Sample, record: Record, screen: Screen, stop: StopWish) -> DemRun:
+    """Carry the sample along its path, from the checkpoint if there is one."""
+    folder, output = record.folder, record.scene["output"]
+    checkpoint = folder / files.CHECKPOINT
+    resumed = checkpoint.is_file()
+    run = DemRun.resume(checkpoint, options) if resumed else DemRun(sample, options)
+    before = run.motion.steps_done
+    series = DemSeries(folder, sample.position, output["every"], len(run.rows) - 1 if resumed else -1)
+
+    def on_record(state: DemRun) -> None:
+        _write_history(folder, state)
+        series.add(len(state.rows) - 1, state.sample, last=state.finished)
+
+    with screen.progress(name, 1.0) as advance, record.phase("loading"):
+
+        def progress(state: DemRun) -> None:
+            row = state.rows[-1]
+            advance(state.completed_fraction(), f"leg {int(row[-1]) + 1}, q/p = {row[8] / row[7]:.3f}")
+
+        on_record(run)
+        run.execute(progress, stop, on_record, checkpoint, output["checkpoint_seconds"])
+    on_record(run)
+    record.outcome = "stopped" if not run.finished else "failed" if run.message else "finished"
+    record.message = run.message or ("" if run.finished else "stopped; continue with --resume")
+    record.details["dem_steps"] = run.motion.steps_done
+    record.details["records"] = len(run.rows)
+    seconds = record.timing["loading"]
+    record.details["million_particle_steps_a_second"] = (
+        (run.motion.steps_done - before) * sample.count / seconds / 1e6 if seconds > 0.0 else 0.0
+    )
+    return run
+
+
+def _write_history(folder: Path, run: DemRun) -> None:
+    history = run.history()
+    rows = list(zip(*(column.tolist() for column in history.values())))
+    files.write_text(folder / files.HISTORY, files.csv_text(list(history), rows))
+
+
+def finished_run(folder: Path, options: RunOptions) -> DemRun | None:
+    """The run whose checkpoint lies in a folder, as far as it went; None without one that can be read."""
+    try:
+        return DemRun.resume(folder / files.CHECKPOINT, options)
+    except SampleError:
+        return None
+
+
+def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
+    if run is not None:
+        h = run.history()
+        rows = [
+            [
+                f"{int(h['segment'][max(row - 1, 0)]) + 1}",  # the last record of a leg counts it as done
+                f"{(h['strain_xx'][row] - h['strain_yy'][row]) * 1e6:.1f}",
+                f"{h['p'][row] / 1e3:.2f}",
+                f"{h['q'][row] / h['p'][row]:.4f}",
+                *(f"{h[name][row]:.4f}" for name in _TABLE),
+            ]
+            for row in spread(len(h["p"]), 9)
+        ]
+        head = ["part", "e_xx-e_yy [1e-6]", "p [kPa]", "q/p", "z", "a_c", "a_n", "a_t", "f/f0", "sliding"]
+        screen.table(record.scene["title"], head, rows)
+        packing = record.details["packing"]
+        screen.say(
+            f"{packing['particles']} disks, void ratio {packing['void_ratio']:.4f}, z {packing['coordination']:.3f} "
+            f"({packing['coordination_without_rattlers']:.3f} without rattlers); "
+            f"inertial number up to {h['inertial_number'].max():.1e}, "
+            f"unbalanced force up to {h['unbalanced_force'].max():.1e}"
+        )
+    if record.outcome != "finished":
+        screen.say(f"{record.outcome}: {record.message}")
+    phases = ", ".join(
+        f"{name} {record.timing[name]:.1f} s"
+        for name in ("packing", "measuring", "loading", "compilation")
+        if name in record.timing
+    )
+    screen.say(f"{phases}; results in {record.folder}")
+
+
+_TABLE = (
+    "coordination", "fabric_anisotropy", "normal_force_anisotropy", "tangential_force_anisotropy",
+    "mean_normal_force", "sliding_fraction",
+)  # fmt: skip

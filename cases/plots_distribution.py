@@ -1,0 +1,54 @@
+"""Distributions of contact forces and of gaps, with what the point law takes from them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dem_ref.distribution import FORCE_WINDOW, Density, EdgeFit, ForceDistribution
+from dem_ref.tessellation import GapDistribution
+
+from .plot_style import BLACK, BLUE, RED
+
+
+def _steps(axes: Any, density: Density, **options: Any) -> None:
+    width = float(density.value[1] - density.value[0])
+    edges = np.append(density.value - width / 2, density.value[-1] + width / 2)
+    axes.stairs(density.density, edges, **options)
+
+
+def _line(axes: Any, fit: EdgeFit, window: float, symbol: str) -> None:
+    x = np.array([0.0, window])
+    text = f"line on [0, {window:g}]: {symbol} = {fit.value:.2f} $\\pm$ {fit.value_error:.2f}"
+    axes.plot(x, fit.value + fit.slope * x, color=RED, linewidth=2.4, label=text)
+    axes.plot(0.0, fit.value, "o", color=RED, clip_on=False, zorder=4)
+
+
+def draw_force_density(axes: Any, forces: ForceDistribution, text: str = "DEM") -> None:
+    """Density of normal forces over their mean, with the straight line at zero force."""
+    _steps(axes, forces.overall, fill=True, color=BLUE, alpha=0.3)
+    _steps(axes, forces.overall, color=BLUE, linewidth=1.2, label=f"{text}, {forces.overall.count} contacts")
+    _line(axes, forces.at_zero, FORCE_WINDOW, "$P_0$")
+    axes.set(
+        title="Normal forces", xlabel=r"$\zeta = f_n/\langle f_n \rangle$ [-]", ylabel=r"density $P_n(\zeta)$ [-]",
+        xlim=(0.0, 4.0), ylim=(0.0, None),
+    )  # fmt: skip
+    axes.legend()
+
+
+def draw_gap_density(axes: Any, gaps: GapDistribution, text: str = "DEM") -> None:
+    """Density of the gaps between neighbours that do not touch, with the straight line at zero gap."""
+    _steps(axes, gaps.density, fill=True, color=BLUE, alpha=0.3)
+    _steps(axes, gaps.density, color=BLUE, linewidth=1.2, label=f"{text}, {gaps.density.count} gaps")
+    _line(axes, gaps.at_zero, gaps.window, r"$P_{\xi 0}$")
+    x = np.linspace(2e-3, gaps.window, 200)
+    share = float((gaps.density.density * np.diff(gaps.density.value).mean())[gaps.density.value < gaps.window].sum())
+    b = gaps.small_gap_exponent
+    power = share * (1.0 - b) / gaps.window ** (1.0 - b) * x**-b
+    axes.plot(x, power, color=BLACK, linestyle=":", label=rf"power law $\xi^{{-{b:.2f}}}$ on the same range")
+    axes.set(
+        title="Gaps to neighbours in the radical tessellation", xlabel=r"$\xi$ = gap$/2r$ [-]",
+        ylabel=r"density $P_\xi(\xi)$ [-]", xlim=(0.0, 0.8), ylim=(0.0, None),
+    )  # fmt: skip
+    axes.legend()
