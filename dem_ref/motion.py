@@ -7,7 +7,8 @@ matters, so both are chosen for speed:
 
 - every particle has the same mass m and the rotational inertia m r^2, the rotation being carried as the displacement of
   the surface. Then the stiffest possible mode (six contacts a particle, kt = kn) has ``omega^2 = 12 kn/m``. The step is
-  given as the number ``step = dt sqrt(kn/m)``, critical at ``2/sqrt(12) = 0.577``; the default is 0.7 of that;
+  given as the number ``step = dt sqrt(kn/m)``, critical at ``2/sqrt(12) = 0.577``; the default is 0.7 of that. Gradings
+  so wide that a disk can have Z > 6 contacts take ``sqrt(6/Z)`` of the step;
 - the drag is the number ``damping``, so that ``v(+1/2) = ((1 - damping) v(-1/2) + F dt/m)/(1 + damping)``.
 
 Displacements in a dense packing are far smaller than disks. Directions and lengths of branch vectors are therefore kept
@@ -26,7 +27,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_ref.neighbours import NearPairs, find_near_pairs
+from dem_ref.neighbours import NearPairs, find_near_pairs, most_neighbours
 from dem_ref.sample import Sample, SampleError
 from dem_ref.stepping import (
     DRAG_HEAT,
@@ -46,6 +47,10 @@ DAMPING = 0.06
 SKIN = 0.03
 LARGEST_SKIN = 0.1
 REFRESH = 2.0e-5
+
+
+class UnstableMotionError(RuntimeError):
+    """Stresses are no longer finite."""
 
 
 @dataclass
@@ -100,7 +105,7 @@ class Motion:
                 f"refresh is {refresh} with skin {skin}, legal are 0 < refresh <= skin/4 and skin <= {LARGEST_SKIN}"
             )
         self.sample = sample
-        self.step = step
+        self.step = step * sqrt(6.0 / most_neighbours(sample.radius))
         self.damping = damping
         self.threads = threads
         self.steps_done = 0
@@ -158,6 +163,10 @@ class Motion:
             write_back(pairs.tangential, source, branch, count)
             self._room -= self.measures[TRAVEL]
             self.refreshes += 1
+        if not np.isfinite(self.stress).all():
+            raise UnstableMotionError(
+                f"the motion lost its stability after {self.steps_done + done} steps: reduce the step"
+            )
         self.steps_done += done
         sample.velocity = self._velocity[:, :2].copy()
         sample.spin = self._velocity[:, 2].copy()

@@ -132,6 +132,11 @@ def cell_heights(cell: NDArray[np.float64]) -> tuple[float, float]:
     return area / sqrt(cell[1, 0] ** 2 + cell[1, 1] ** 2), area / sqrt(cell[0, 0] ** 2 + cell[0, 1] ** 2)
 
 
+def most_neighbours(radius: NDArray[np.float64]) -> int:
+    """Most contacts a disk can have: the smallest disks around the largest, at least six."""
+    return max(6, int(np.pi / np.arcsin(radius.min() / (radius.min() + radius.max())) + 1e-9))
+
+
 def find_near_pairs(
     position: NDArray[np.float64],
     radius: NDArray[np.float64],

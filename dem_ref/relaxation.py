@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dem_ref.compilation import compiled
-from dem_ref.neighbours import NearPairs, find_near_pairs
+from dem_ref.neighbours import NearPairs, find_near_pairs, most_neighbours
 
-LARGEST_STEP = 0.7  # in sqrt(m/kn); the stiffest frictionless mode (six contacts each) allows 2/sqrt(6) = 0.82
+LARGEST_STEP = 0.7  # in sqrt(m/kn); the stiffest frictionless mode (six contacts each) allows 2/sqrt(6) = 0.82;
+# times sqrt(6/Z) where a disk can have Z > 6 contacts
 SMALLEST_STEP = 0.02
 FIRST_STEP = 0.2
 STEP_GROWTH = 1.1
@@ -27,7 +28,7 @@ MIXING_DECAY = 0.99
 STEPS_BEFORE_GROWTH = 20  # 5, the usual choice, resets so often that it takes twice the steps here
 
 # indices of the control array
-STEP, MIX, DOWNHILL = 0, 1, 2
+STEP, MIX, DOWNHILL, LARGEST = 0, 1, 2, 3
 # indices of the result array
 STRESS_XX, STRESS_YY, STRESS_XY, UNBALANCED, CONTACT_FORCE, CONTACTS, TRAVEL = range(7)
 
@@ -123,7 +124,7 @@ def _relax(
             turn = mix * sqrt(v2 / f2) if f2 > 0.0 else 0.0
             downhill += 1.0
             if downhill > STEPS_BEFORE_GROWTH:
-                dt = min(dt * STEP_GROWTH, LARGEST_STEP)
+                dt = min(dt * STEP_GROWTH, control[LARGEST])
                 mix *= MIXING_DECAY
         else:
             keep = 0.0
@@ -213,7 +214,7 @@ def relax(
     velocity = np.zeros((n, 2))
     force = np.zeros((n, 2))
     cell_velocity = np.zeros(3)
-    control = np.array([FIRST_STEP, MIXING, 0.0])
+    control = np.array([FIRST_STEP, MIXING, 0.0, LARGEST_STEP * sqrt(6.0 / most_neighbours(radius))])
     out = np.zeros(7)
     done = 0
     pairs: NearPairs | None = None

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dem_ref.measure import coordination_number, love_weber_stress, unbalanced_force
+from dem_ref.measure import contacts_of, coordination_number, love_weber_stress, unbalanced_force
 from dem_ref.motion import Motion
-from dem_ref.neighbours import CellTooSmallError, find_near_pairs
+from dem_ref.neighbours import CellTooSmallError, find_near_pairs, most_neighbours
 from dem_ref.packing import DISTRIBUTIONS, PackingOptions, make_packing, random_diameters
 from dem_ref.sample import SampleError, load_sample, new_sample, sample_arrays, save_sample
 
@@ -124,6 +124,20 @@ def test_bad_samples_are_refused():
         new_sample(x, np.array([1.0, 0.0]), 9 * np.eye(2))
     with pytest.raises(CellTooSmallError, match="three interaction distances"):
         new_sample(x, r, 4 * np.eye(2))
+
+
+def test_wide_gradings_take_a_shorter_step_and_stay_stable():
+    """Diameters 1 and 3: a large disk can have ten or more contacts, too stiff for the usual step."""
+    sample = make_packing(300, 2, PackingOptions(distribution="bidisperse", diameter_ratio=3.0))
+    assert love_weber_stress(sample) == pytest.approx([-1e5, -1e5, 0.0], rel=1e-4, abs=10.0)
+    assert most_neighbours(sample.radius) == 12
+    c = contacts_of(sample)
+    assert np.bincount(np.concatenate([c.first, c.second])).max() > 6
+    motion = Motion(sample.copy(), step=0.5, damping=0.0)
+    assert motion.step == pytest.approx(0.5 * np.sqrt(0.5))
+    motion.sample.velocity += 1e-9  # a free drift of everything together costs nothing
+    motion.run(3000)
+    assert np.abs(motion.sample.velocity).max() < 1e-6
 
 
 def test_near_pairs_are_those_of_brute_force():
