@@ -49,14 +49,22 @@ def _exit(outcome: str) -> None:
 
 
 @app.command()
-def run(scene: SceneArgument, output: OutputOption = None, assignments: SetOption = None) -> None:
+def run(
+    scene: SceneArgument,
+    output: OutputOption = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the folder.")] = False,
+    assignments: SetOption = None,
+) -> None:
     """Compute a boundary-value problem."""
-    from .run import run_field
-    from .scene import load
-    from .screen import Screen
+    from .early_kernels import early_kernels
 
-    loaded = load(scene, assignments or [])
-    _exit(run_field(loaded, _folder(output, loaded.name), Screen()).outcome)
+    with early_kernels() as kernels:
+        from .run import run_field
+        from .scene import load
+        from .screen import Screen
+
+        loaded = load(scene, assignments or [])
+        _exit(run_field(loaded, _folder(output, loaded.name), Screen(), resume, kernels).outcome)
 
 
 @app.command()

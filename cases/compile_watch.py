@@ -21,13 +21,19 @@ class CompileWatch(event.Listener):
         self.seconds = 0.0
         self.kernels = 0
         self._announce = announce
+        self._announced = False
         self._depth = 0
         self._since = 0.0
 
+    def announce(self) -> None:
+        """Say that kernels are compiled, unless that was said before."""
+        if not self._announced:
+            self._announced = True
+            self._announce()
+
     def on_start(self, event: Any) -> None:
         """Numba begins to compile a function; a function it calls may follow inside."""
-        if self.kernels == 0:
-            self._announce()
+        self.announce()
         if self._depth == 0:
             self._since = time.perf_counter()
         self._depth += 1

@@ -28,7 +28,7 @@ class FieldHistory:
     Means are volume averages, named as the columns of a point's history; p and q belong to the mean stress.
     Coordination and fabric anisotropy (magnitudes) have means and extremes over the integration points. For each
     boundary that carries loads or supports: the mean displacement of its nodes [m]; for each that is supported: the
-    force of the supports on the body [N/m], not known before the first step.
+    force of the supports on the body [N/m].
 
     Parameters
     ----------
@@ -54,15 +54,20 @@ class FieldHistory:
         self._supported = supported
         self.rows: list[list[Any]] = []
 
-    def start(self, stage: str, stress: Array, state: Array) -> None:
-        """Row of the initial state."""
-        zero = np.zeros(3)
-        averages = self._averages(np.broadcast_to(zero, stress.shape), stress, state)
-        sides = [0.0, 0.0] * len(self._nodes) + [float("nan")] * (2 * len(self._supported))
-        self.rows.append([0, stage, 0.0, *averages, *[0] * len(COUNTS), *sides])
+    def take_up(self, names: list[str], rows: list[list[Any]]) -> None:
+        """Go on after rows of an earlier part of the run.
+
+        Raises
+        ------
+        ValueError
+            If they have other columns.
+        """
+        if names != self.names:
+            raise ValueError("it has other columns than this run")
+        self.rows = rows
 
     def add(self, step: StepResult) -> None:
-        """Row of an accepted load step."""
+        """Row of an accepted load step, or of the initial state as step 0."""
         averages = self._averages(step.strain, step.stress, step.state)
         counts = [step.iterations, step.factorisations, step.cuts, step.substeps, step.limited]
         displacement = step.displacement.reshape(-1, 2)

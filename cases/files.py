@@ -28,7 +28,8 @@ OWN_FILES = (
     *(RECORD, HISTORY, SCENE, "failed_point.toml", PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
     *(MATERIAL, "verify.csv", "verify.md", *(f"{name}.pvd" for name in SERIES), *PICTURES),
 )
-OWN_PATTERNS = (".granfabric-*", ".result*", ".points*", *(f"{name}_*.vtu" for name in SERIES))
+CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
+OWN_PATTERNS = (".granfabric-*", ".result*", ".points*", *CHECKPOINTS, *(f"{name}_*.vtu" for name in SERIES))
 """What a run writes; only these are removed when a result folder is used again."""
 
 PROGRAM = "granfabric"
@@ -136,9 +137,26 @@ def prepare_output(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
-        for name in OWN_FILES:
-            (folder / name).unlink(missing_ok=True)
         for pattern in OWN_PATTERNS:
+            for file in folder.glob(pattern):
+                file.unlink()
+        # The record goes last: as long as it is there, the folder can be told to be ours.
+        for name in reversed(OWN_FILES):
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"the output folder {str(folder)!r} cannot be written: {error.strerror}") from error
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what a run that was killed left of files that it had not finished, and its record of a failure.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written.
+    """
+    try:
+        for pattern in (".granfabric-*", ".result*", ".points*", ".checkpoint*", "failed_point.toml"):
             for file in folder.glob(pattern):
                 file.unlink()
     except OSError as error:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import fem.warm_up
+from fem.checkpoint import Checkpoint, CheckpointError, CheckpointFolder
 from fem.control import ControlError, StepControl
 from fem.linear_solver import LinearSolverError, make_solver
 from fem.loads import (
@@ -21,16 +25,19 @@ from fem.loads import (
     Traction,
 )
 from fem.mesh import HostMesh, MeshError, read_mesh, rectangle
-from fem.output import FieldWriter, OutputError
+from fem.output import OutputError
 from fem.problem import Problem
-from fem.results import RunSummary, StepResult
+from fem.results import RunSummary
 from fem.space import Space
 from fem.stepping import solve
 
-from . import build, files
-from .compile_watch import watching
+from . import build, files, resumption
+from .compile_watch import CompileWatch, watching
+from .early_kernels import EarlyKernels
 from .effects_choice import resolve_effects
+from .errors import InputError
 from .field_history import FieldHistory
+from .field_recorder import FieldRecorder
 from .groups import check_groups, material_index, named_boundaries
 from .interruption import stop_wish
 from .record import Record, resolved
@@ -125,47 +132,9 @@ def prepare(loaded: LoadedScene) -> Prepared:
     return Prepared(problem, control, *named_boundaries(scene), effects)
 
 
-class _Recorder:
-    """Receives each accepted step: history, fields, progress."""
-
-    def __init__(self, folder: Path, prepared: Prepared, every: int, advance: Any) -> None:
-        problem = prepared.problem
-        self._folder = folder
-        self._every = every
-        self._advance = advance
-        self._stages = problem.stages
-        self._places = {stage.name: place for place, stage in enumerate(problem.stages)}
-        self._writer = FieldWriter(folder, problem.space, problem.law.description)
-        self.history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
-        self.history.start(problem.stages[0].name, problem.initial_stress, problem.initial_state)
-        self._last: StepResult | None = None
-        self._written = 0
-        self._write_history()
-
-    def __call__(self, step: StepResult) -> None:
-        self.history.add(step)
-        self._write_history()
-        self._last = step
-        if step.step % self._every == 0:
-            self._write_fields(step)
-        place = self._places[step.stage]
-        done = sum(stage.increments for stage in self._stages[:place]) + step.fraction * self._stages[place].increments
-        self._advance(done, f"{step.stage}: step {step.step}, {step.iterations} iterations")
-
-    def close(self) -> None:
-        """Make sure that the last step's fields are on disk."""
-        if self._last is not None and self._written != self._last.step:
-            self._write_fields(self._last)
-
-    def _write_history(self) -> None:
-        files.write_text(self._folder / files.HISTORY, files.csv_text(self.history.names, self.history.rows))
-
-    def _write_fields(self, step: StepResult) -> None:
-        self._writer.write(step, self._places[step.stage] + step.fraction)
-        self._written = step.step
-
-
-def run_field(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
+def run_field(
+    loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = False, kernels: EarlyKernels | None = None
+) -> Record:
     """Compute a field scene and write its files.
 
     Parameters
@@ -175,6 +144,11 @@ def run_field(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
     folder : Path
         Result folder: new, empty, or of an earlier run, which is replaced.
     screen : Screen
+    resume : bool
+        Go on with the run in the folder after its last checkpoint; the results are those of a run in one go, to the
+        last bit.
+    kernels : EarlyKernels, optional
+        Where the law's kernels are being compiled.
 
     Returns
     -------
@@ -184,29 +158,59 @@ def run_field(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
     Raises
     ------
     InputError
-        If anything about the scene or the folder is not legal; then nothing was written.
+        If anything about the scene or the folder is not legal, or another input than that of the run to go on with;
+        then nothing was written.
     RunError
         If the run broke off within a step; what was reached before is on disk.
     """
     with watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch, stop_wish(screen.announce_stop) as stop:
         files.check_output(folder)
+        earlier = resumption.earlier_record(folder) if resume else None
         prepared = prepare(loaded)
         problem = prepared.problem
-        files.prepare_output(folder)
         record = Record(folder, loaded.name, resolved(loaded, prepared.effects))
+        digest = resumption.mesh_digest(record.scene)
+        checkpoints = CheckpointFolder(folder, resumption.identity(record.scene, digest))
+        resumed = None
+        if earlier is not None:
+            resumption.check_same_input(folder, earlier, record.scene, digest)
+            if earlier["outcome"] == "finished":
+                screen.say(f"the run in {folder} is finished; nothing to do")
+                checkpoints.remove()
+                record.outcome, record.message = "finished", earlier["message"]
+                return record
+            resumed = _last_checkpoint(checkpoints, earlier, screen)
+        record.details["mesh_digest"] = digest
         record.details["size"] = {
             "elements": problem.space.nelements,
             "degrees_of_freedom": problem.space.ndofs,
             "integration_points": problem.space.npoints,
         }
-        record.write()
+        if resumed is None:
+            files.prepare_output(folder)
+            record.write()
+        else:
+            files.remove_unfinished(folder)
+            record.details["resumed_after_step"] = resumed.result.step
+        waited = _compile(kernels, watch, stop, loaded.scene.output.pictures)
         with (
             screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
             record.phase("run"),
         ):
-            recorder = _Recorder(folder, prepared, loaded.scene.output.every, advance)
+            history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
             try:
-                summary = solve(problem, prepared.control, on_step=recorder, stop=stop)
+                recorder = FieldRecorder(
+                    folder, problem, history, loaded.scene.output.every, advance, checkpoints, resumed
+                )
+                record.write()
+                summary = solve(
+                    problem,
+                    prepared.control,
+                    on_step=recorder,
+                    stop=stop,
+                    resume=resumed,
+                    on_checkpoint=recorder.save,
+                )
                 recorder.close()
             except (OutputError, OSError) as error:
                 raise record.broken_off(f"results cannot be written any more: {error}") from error
@@ -215,15 +219,46 @@ def run_field(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
         _finish(record, summary, stop.wished)
         if summary.failed_point is not None and record.outcome == "failed":
             write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
-        record.timing["compilation"] = watch.seconds
+        record.timing["compilation"] = watch.seconds + waited
         if loaded.scene.output.pictures:
             from .plots import draw
 
             with record.phase("pictures"):
                 draw(folder, record.scene)
         record.write()
-    _report(recorder.history, summary, record, screen)
+        if record.outcome == "finished":
+            checkpoints.remove()
+    _report(history, summary, record, screen)
     return record
+
+
+def _last_checkpoint(checkpoints: CheckpointFolder, earlier: dict[str, Any], screen: Screen) -> Checkpoint | None:
+    """Where to go on; None if the run had not accepted a step yet."""
+    try:
+        resumed, complaints = checkpoints.load()
+    except CheckpointError as error:
+        raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
+    for text in complaints:
+        screen.say(f"{text}; going on from the one before")
+    other = resumption.other_versions(earlier)
+    if other:
+        screen.say(f"other versions than when the run began ({', '.join(other)}): last digits may differ")
+    if resumed is None:
+        screen.say("no step was finished; starting at the beginning")
+    else:
+        screen.say(f"going on after step {resumed.result.step}")
+    return resumed
+
+
+def _compile(kernels: EarlyKernels | None, watch: CompileWatch, stop: Callable[[], bool], pictures: bool) -> float:
+    """Compile the host's kernels while another process compiles the law's; seconds spent waiting for that."""
+    if kernels is None or not kernels.running:
+        return 0.0
+    watch.announce()
+    fem.warm_up.warm_up()
+    if pictures:  # imported now, it costs no time later
+        import_module("cases.plots_field")
+    return kernels.wait(stop)
 
 
 def _finish(record: Record, summary: RunSummary, stopped: bool) -> None:
