@@ -95,6 +95,21 @@ def dem(
 
 
 @app.command()
+def verify(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Result folder; DEM runs in it are used again.")
+    ] = Path("results/verify"),
+    particles: Annotated[int, typer.Option("--particles", metavar="N", help="Disks of a packing.")] = 2500,
+    seeds: Annotated[int, typer.Option("--seeds", metavar="K", help="Packings; their scatter is the yardstick.")] = 1,
+) -> None:
+    """Compare the point law with the DEM: the source's four figures and a table of errors."""
+    from .screen import Screen
+    from .verify import run_verify
+
+    _exit(run_verify(output, particles, seeds, Screen()).outcome)
+
+
+@app.command()
 def scenes(
     name: Annotated[Optional[str], typer.Argument(metavar="[NAME]", help="Show the text of this scene.")] = None,  # noqa: UP045
     copy: Annotated[

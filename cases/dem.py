@@ -18,14 +18,13 @@ from dem_ref.sample import Sample, SampleError, load_sample, save_sample
 from . import files
 from .compile_watch import watching
 from .dem_path import PathError, packing_options, run_options
-from .dem_series import DemSeries
+from .dem_series import DemSeries, history_text
 from .errors import InputError
 from .interruption import StopWish, stop_wish
-from .material_file import law_tables
+from .material_file import material_text
 from .record import Record, resolved
 from .scene import LoadedScene
 from .screen import Screen, spread
-from .toml_text import to_toml
 
 COMPILATION_SECONDS = 30
 """Rough time to compile the kernels of the DEM, for the message on first use."""
@@ -170,15 +169,6 @@ def _measure(scene: Any, sample: Sample, record: Record, screen: Screen) -> None
     record.details["material"] = files.MATERIAL
 
 
-def material_text(measured: dict[str, float], origin: str) -> str:
-    """Text of a material file."""
-    head = (
-        f"# Measured on disks: {origin}\n"
-        "# Read by point and field scenes: material_file = ..., or --set material_file=...\n"
-    )
-    return head + to_toml(law_tables(measured)).lstrip()
-
-
 def _load(name: str, options: RunOptions, sample: Sample, record: Record, screen: Screen, stop: StopWish) -> DemRun:
     """Carry the sample along its path, from the checkpoint if there is one."""
     folder, output = record.folder, record.scene["output"]
@@ -189,7 +179,7 @@ def _load(name: str, options: RunOptions, sample: Sample, record: Record, screen
     series = DemSeries(folder, sample.position, output["every"], len(run.rows) - 1 if resumed else -1)
 
     def on_record(state: DemRun) -> None:
-        _write_history(folder, state)
+        files.write_text(folder / files.HISTORY, history_text(state))
         series.add(len(state.rows) - 1, state.sample, last=state.finished)
 
     with screen.progress(name, 1.0) as advance, record.phase("loading"):
@@ -210,12 +200,6 @@ def _load(name: str, options: RunOptions, sample: Sample, record: Record, screen
         (run.motion.steps_done - before) * sample.count / seconds / 1e6 if seconds > 0.0 else 0.0
     )
     return run
-
-
-def _write_history(folder: Path, run: DemRun) -> None:
-    history = run.history()
-    rows = list(zip(*(column.tolist() for column in history.values())))
-    files.write_text(folder / files.HISTORY, files.csv_text(list(history), rows))
 
 
 def finished_run(folder: Path, options: RunOptions) -> DemRun | None:

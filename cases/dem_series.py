@@ -1,4 +1,4 @@
-"""Particles and contacts of a DEM run as time series for ParaView."""
+"""History of a DEM run as text; its particles and contacts as time series for ParaView."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_ref.biaxial import DemRun
 from dem_ref.fields import contact_fields, particle_fields
 from dem_ref.sample import Sample
 
@@ -16,6 +17,12 @@ from . import files
 
 PARTICLES = "particles"
 CONTACTS = "contacts"
+
+
+def history_text(run: DemRun) -> str:
+    """The records so far as comma-separated text."""
+    history = run.history()
+    return files.csv_text(list(history), list(zip(*(column.tolist() for column in history.values()))))
 
 
 def _padded(values: NDArray[np.float64]) -> NDArray[np.float64]:

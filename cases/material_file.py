@@ -11,6 +11,7 @@ from constitutive.parameters import Closure, Material
 
 from .errors import InputError, unknown
 from .toml_file import read_table
+from .toml_text import to_toml
 
 LAW_TABLES = ("material", "closure")
 MEASURED = "measured"
@@ -54,3 +55,12 @@ def law_tables(measured: Mapping[str, float]) -> dict[str, dict[str, Any]]:
         section = next((section for section in LAW_TABLES if key in names[section]), MEASURED)
         tables[section][key] = float(value)
     return {section: entries for section, entries in tables.items() if entries}
+
+
+def material_text(measured: dict[str, float], origin: str) -> str:
+    """Text of a material file."""
+    head = (
+        f"# Measured on disks: {origin}\n"
+        "# Read by point and field scenes: material_file = ..., or --set material_file=...\n"
+    )
+    return head + to_toml(law_tables(measured)).lstrip()

@@ -54,15 +54,17 @@ def draw_dem(folder: Path, columns: Columns, scene: dict[str, Any]) -> list[Path
 
 def _horizontal(columns: Columns) -> tuple[NDArray[np.float64], str]:
     """The strain that moved most, in 1e-6 and positive where it grew first."""
+    xx, yy = columns["strain_xx"], columns["strain_yy"]
     choices = {
-        r"$\varepsilon_1 - \varepsilon_2$": columns["strain_xx"] - columns["strain_yy"],
-        r"$-\varepsilon_v$": -(columns["strain_xx"] + columns["strain_yy"]),
-        r"$\gamma_{xy}$": columns["strain_xy"],
+        (r"\varepsilon_{xx} - \varepsilon_{yy}", r"\varepsilon_{yy} - \varepsilon_{xx}"): xx - yy,
+        (r"\varepsilon_{xx} + \varepsilon_{yy}", r"-\varepsilon_{xx} - \varepsilon_{yy}"): xx + yy,
+        (r"\gamma_{xy}", r"-\gamma_{xy}"): columns["strain_xy"],
     }
-    label = max(choices, key=lambda name: float(np.ptp(choices[name])))
-    values = choices[label]
-    sign = 1.0 if values[int(np.argmax(np.abs(values)))] >= 0.0 else -1.0
-    return sign * values * 1e6, f"strain {label} [$10^{{-6}}$]"
+    labels = max(choices, key=lambda names: float(np.ptp(choices[names])))
+    values = choices[labels]
+    grown = np.abs(values) > 0.05 * np.abs(values).max()
+    negative = bool(values[int(np.argmax(grown))] < 0.0)
+    return (-values if negative else values) * 1e6, f"strain ${labels[negative]}$ [$10^{{-6}}$]"
 
 
 def _overview(folder: Path, columns: Columns, scene: dict[str, Any]) -> Path:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dem_ref.distribution import FORCE_WINDOW, Density, EdgeFit, ForceDistribution
 from dem_ref.tessellation import GapDistribution
@@ -12,7 +13,8 @@ from dem_ref.tessellation import GapDistribution
 from .plot_style import BLACK, BLUE, RED
 
 
-def _steps(axes: Any, density: Density, **options: Any) -> None:
+def outline(axes: Any, density: Density, **options: Any) -> None:
+    """Draw a histogram as steps."""
     width = float(density.value[1] - density.value[0])
     edges = np.append(density.value - width / 2, density.value[-1] + width / 2)
     axes.stairs(density.density, edges, **options)
@@ -27,8 +29,8 @@ def _line(axes: Any, fit: EdgeFit, window: float, symbol: str) -> None:
 
 def draw_force_density(axes: Any, forces: ForceDistribution, text: str = "DEM") -> None:
     """Density of normal forces over their mean, with the straight line at zero force."""
-    _steps(axes, forces.overall, fill=True, color=BLUE, alpha=0.3)
-    _steps(axes, forces.overall, color=BLUE, linewidth=1.2, label=f"{text}, {forces.overall.count} contacts")
+    outline(axes, forces.overall, fill=True, color=BLUE, alpha=0.3)
+    outline(axes, forces.overall, color=BLUE, linewidth=1.2, label=f"{text}, {forces.overall.count} contacts")
     _line(axes, forces.at_zero, FORCE_WINDOW, "$P_0$")
     axes.set(
         title="Normal forces", xlabel=r"$\zeta = f_n/\langle f_n \rangle$ [-]", ylabel=r"density $P_n(\zeta)$ [-]",
@@ -39,16 +41,48 @@ def draw_force_density(axes: Any, forces: ForceDistribution, text: str = "DEM") 
 
 def draw_gap_density(axes: Any, gaps: GapDistribution, text: str = "DEM") -> None:
     """Density of the gaps between neighbours that do not touch, with the straight line at zero gap."""
-    _steps(axes, gaps.density, fill=True, color=BLUE, alpha=0.3)
-    _steps(axes, gaps.density, color=BLUE, linewidth=1.2, label=f"{text}, {gaps.density.count} gaps")
+    outline(axes, gaps.density, fill=True, color=BLUE, alpha=0.3)
+    outline(axes, gaps.density, color=BLUE, linewidth=1.2, label=f"{text}, {gaps.density.count} gaps")
     _line(axes, gaps.at_zero, gaps.window, r"$P_{\xi 0}$")
-    x = np.linspace(2e-3, gaps.window, 200)
-    share = float((gaps.density.density * np.diff(gaps.density.value).mean())[gaps.density.value < gaps.window].sum())
-    b = gaps.small_gap_exponent
-    power = share * (1.0 - b) / gaps.window ** (1.0 - b) * x**-b
-    axes.plot(x, power, color=BLACK, linestyle=":", label=rf"power law $\xi^{{-{b:.2f}}}$ on the same range")
+    _power_law(axes, gaps, np.linspace(2e-3, gaps.window, 200))
     axes.set(
         title="Gaps to neighbours in the radical tessellation", xlabel=r"$\xi$ = gap$/2r$ [-]",
         ylabel=r"density $P_\xi(\xi)$ [-]", xlim=(0.0, 0.8), ylim=(0.0, None),
     )  # fmt: skip
     axes.legend()
+
+
+def draw_small_gaps(axes: Any, xi: NDArray[np.float64], gaps: GapDistribution) -> None:
+    """Density of small gaps on logarithmic axes: how far the straight line, and how far a power law, describes it.
+
+    Parameters
+    ----------
+    axes : Axes
+    xi : ndarray
+        All positive gaps over the mean diameter.
+    gaps : GapDistribution
+    """
+    edges = np.geomspace(1e-4, 0.8, 24)
+    count, _ = np.histogram(xi, edges)
+    density, middle = count / (np.diff(edges) * len(xi)), np.sqrt(edges[1:] * edges[:-1])
+    seen = count > 0
+    error = density[seen] / np.sqrt(count[seen])
+    axes.errorbar(middle[seen], density[seen], error, fmt="o", color=BLUE, markersize=4, label="DEM")
+    x = np.geomspace(edges[0], gaps.window, 200)
+    line = gaps.at_zero.value + gaps.at_zero.slope * x
+    axes.plot(x[line > 0.1], line[line > 0.1], color=RED, linewidth=2.4, label="straight line")
+    _power_law(axes, gaps, x)
+    axes.set(
+        title="Small gaps", xscale="log", yscale="log", xlabel=r"$\xi$ = gap$/2r$ [-]",
+        ylabel=r"density $P_\xi(\xi)$ [-]",
+    )  # fmt: skip
+    axes.legend()
+
+
+def _power_law(axes: Any, gaps: GapDistribution, x: NDArray[np.float64]) -> None:
+    """The power law of the small gaps, with the share of all gaps that lies in its window."""
+    width = float(np.diff(gaps.density.value).mean())
+    share = width * float(gaps.density.density[gaps.density.value < gaps.window].sum())
+    b = gaps.small_gap_exponent
+    density = share * (1.0 - b) / gaps.window ** (1.0 - b) * x**-b
+    axes.plot(x, density, color=BLACK, linestyle=":", label=rf"power law $\xi^{{-{b:.2f}}}$ on the same range")

@@ -61,6 +61,7 @@ class Record:
     details: dict[str, Any] = field(default_factory=dict)
     timing: dict[str, float] = field(default_factory=dict)
     started: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
+    is_scene: bool = True
     _since: float = field(default_factory=time.perf_counter)
 
     @contextmanager
@@ -73,7 +74,7 @@ class Record:
             self.timing[name] = self.timing.get(name, 0.0) + time.perf_counter() - since
 
     def write(self) -> None:
-        """Write `run.json` and the scene as resolved."""
+        """Write `run.json` and, if it is a scene that can be run again, the scene as resolved."""
         self.timing["total"] = time.perf_counter() - self._since
         data = {
             "program": files.PROGRAM,
@@ -90,7 +91,8 @@ class Record:
             "scene": self.scene,
         }
         files.write_json(self.folder / files.RECORD, data)
-        files.write_text(self.folder / files.SCENE, to_toml(self.scene))
+        if self.is_scene:
+            files.write_text(self.folder / files.SCENE, to_toml(self.scene))
 
     def broken_off(self, message: str) -> RunError:
         """Close the record of a run that ended within a step, if that can still be written; the error to raise."""

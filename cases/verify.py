@@ -1,0 +1,251 @@
+"""The point law against the DEM: `granfabric verify`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from constitutive.parameters import ParameterError
+from dem_ref.biaxial import DemRun, at_stress_ratios
+from dem_ref.neighbours import CellTooSmallError
+from dem_ref.packing import PackingError
+from dem_ref.probes import ProbeError
+from dem_ref.sample import SampleError
+
+from . import files
+from .compile_watch import watching
+from .errors import InputError
+from .interruption import StopWish, stop_wish
+from .material_file import material_text
+from .record import Record
+from .screen import Screen
+from .verify_dem import LOADINGS, STORE, DemStore, SeedResult, Stopped
+from .verify_model import closures, follow
+from .verify_table import COLUMNS, TABLE_LEVELS, Comparison, compare, largest_errors
+
+Array = NDArray[np.float64]
+
+PARTICLES, SEEDS = 2500, 1
+LEAST_PARTICLES, MOST_PARTICLES, MOST_SEEDS = 200, 200_000, 100
+COMPILATION_SECONDS = 80
+LEVELS = np.linspace(0.0, 0.3, 61)
+"""Stress ratios q/p at which curves are compared."""
+
+TITLE = "Point law against DEM"
+
+
+@dataclass(frozen=True)
+class Study:
+    """Both sides at the same stress ratios.
+
+    Attributes
+    ----------
+    levels : ndarray, shape (nlevels,)
+        Stress ratios q/p.
+    dem : dict of dict of ndarray, shape (nseeds, nlevels)
+        By loading and column of the DEM's history; NaN beyond what a run reached.
+    model : dict of dict of dict of ndarray, shape (nseeds, nlevels)
+        By loading, closure and quantity.
+    results : list of SeedResult
+    rows : list of Comparison
+    seconds : dict of str to float
+        Time of the DEM by phase and of the ``model``, over all seeds, without compilation.
+    messages : list of str
+        Where a closure could not go on.
+    """
+
+    levels: Array
+    dem: dict[str, dict[str, Array]]
+    model: dict[str, dict[str, dict[str, Array]]]
+    results: list[SeedResult]
+    rows: list[Comparison]
+    seconds: dict[str, float]
+    messages: list[str]
+
+    @property
+    def closures(self) -> list[str]:
+        """Names of the closures compared."""
+        return list(next(iter(self.model.values())))
+
+
+def run_verify(folder: Path, particles: int, seeds: int, screen: Screen) -> Record:
+    """Compare the point law with the DEM on the source's two loadings and write tables and figures.
+
+    DEM runs of the same input in the folder are used again; begun ones are finished.
+
+    Parameters
+    ----------
+    folder : Path
+        New, empty, or of an earlier run; tables and figures there are replaced.
+    particles : int
+        Disks of a packing.
+    seeds : int
+        Packings, with seeds 1, 2, ...; the scatter between them is the yardstick of the errors.
+    screen : Screen
+
+    Returns
+    -------
+    Record
+        As written to `run.json`.
+
+    Raises
+    ------
+    InputError
+        If a number or the folder is not legal; then nothing was written.
+    RunError
+        If the run broke off; finished DEM runs are on disk.
+    """
+    for name, value, least, most in (
+        ("--particles", particles, LEAST_PARTICLES, MOST_PARTICLES),
+        ("--seeds", seeds, 1, MOST_SEEDS),
+    ):
+        if not least <= value <= most:
+            raise InputError(f"{name} {value} is outside [{least}, {most}]")
+    files.prepare_output(folder)
+    numbers = list(range(1, seeds + 1))
+    scene = {"title": TITLE, "kind": "verify", "particles": particles, "seeds": numbers}
+    record = Record(folder, "verify", scene, is_scene=False)
+    record.write()
+    study = None
+    with watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch, stop_wish(screen.announce_stop) as stop:
+        try:
+            results = _judge(folder / STORE, particles, numbers, record, screen, stop)
+            with record.phase("model"):
+                study = evaluate(results)
+        except Stopped:
+            record.outcome = "stopped"
+            record.message = "stopped; the same command goes on from here"
+        except (PackingError, ProbeError, SampleError, CellTooSmallError, ParameterError) as error:
+            record.outcome, record.message = "failed", str(error)
+        except KeyboardInterrupt as error:
+            raise record.broken_off("interrupted within a step") from error
+        except OSError as error:
+            raise record.broken_off(f"results cannot be written any more: {error}") from error
+    record.timing["compilation"] = watch.seconds
+    if study is not None:
+        _write(study, record)
+    record.write()
+    _report(study, record, screen)
+    return record
+
+
+def _judge(
+    store_folder: Path, particles: int, seeds: Sequence[int], record: Record, screen: Screen, stop: StopWish
+) -> list[SeedResult]:
+    """The DEM's results for all seeds."""
+    store = DemStore(store_folder, particles)
+    results = []
+    with screen.progress("DEM", float(len(seeds))) as advance, record.phase("dem"):
+        for place, seed in enumerate(seeds):
+
+            def report(text: str, fraction: float, place: int = place, seed: int = seed) -> None:
+                advance(place + fraction, f"packing {place + 1} of {len(seeds)} (seed {seed}): {text}")
+
+            results.append(store.complete(seed, report, stop))
+            if stop.wished and seed != seeds[-1]:
+                raise Stopped
+    return results
+
+
+def evaluate(results: Sequence[SeedResult], levels: Array = LEVELS) -> Study:
+    """Run the model on the inputs of every packing and compare."""
+    dem: dict[str, dict[str, Array]] = {}
+    model: dict[str, dict[str, dict[str, Array]]] = {}
+    rows: list[Comparison] = []
+    messages: list[str] = []
+    seconds = {"model": 0.0}
+    for result in results:
+        for name, spent in result.seconds.items():
+            seconds[name] = seconds.get(name, 0.0) + spent
+    for name, closure in closures(results[0].inputs).items():  # compile before the clock runs
+        first = next(iter(LOADINGS))
+        follow(closure, results[0].inputs, first, pressure_of(results[0].runs[first]), levels[:2])
+        for loading in LOADINGS:
+            model.setdefault(loading, {})[name] = {}
+    for loading in LOADINGS:
+        tables = [at_stress_ratios(result.runs[loading].history(), levels.tolist()) for result in results]
+        dem[loading] = {column: np.array([table[column] for table in tables]) for column in tables[0]}
+        answers: dict[str, list[dict[str, Array]]] = {}
+        for result in results:
+            pressure = pressure_of(result.runs[loading])
+            for name, closure in closures(result.inputs).items():
+                curve = follow(closure, result.inputs, loading, pressure, levels)
+                answers.setdefault(name, []).append(curve.columns)
+                seconds["model"] += curve.seconds
+                if curve.message:
+                    messages.append(f"{name}, {LOADINGS[loading]}, seed {result.seed}: {curve.message}")
+        for name, curves in answers.items():
+            model[loading][name] = {column: np.array([curve[column] for curve in curves]) for column in curves[0]}
+            rows += compare(loading, name, dem[loading], model[loading][name], levels)
+    return Study(levels, dem, model, list(results), rows, seconds, messages)
+
+
+def pressure_of(run: DemRun) -> float:
+    """Mean pressure [Pa] at the start of a run."""
+    return float(run.history()["p"][0])
+
+
+def _write(study: Study, record: Record) -> None:
+    """Tables, figures, and the measured inputs."""
+    from .plots_verify import draw_verify
+    from .verify_text import summary
+
+    folder = record.folder
+    files.write_text(folder / "verify.csv", files.csv_text(COLUMNS, [row.row() for row in study.rows]))
+    inputs = mean_inputs(study.results)
+    files.write_text(folder / files.MATERIAL, material_text(inputs, f"mean of {len(study.results)} packings"))
+    with record.phase("pictures"):
+        draw_verify(folder, study)
+    files.write_text(folder / "verify.md", summary(study))
+    record.outcome = "finished"
+    record.message = "; ".join(study.messages)
+    record.details["inputs"] = inputs
+    record.details["dem_computed_now"] = [result.seed for result in study.results if result.computed]
+    record.details["seconds"] = {name: round(value, 6) for name, value in study.seconds.items()}
+
+
+def mean_inputs(results: Sequence[SeedResult]) -> dict[str, float]:
+    """Measured inputs, averaged over the packings that gave them."""
+    names = list(dict.fromkeys(name for result in results for name in result.inputs))
+    return {
+        name: float(np.mean([result.inputs[name] for result in results if name in result.inputs])) for name in names
+    }
+
+
+def _report(study: Study | None, record: Record, screen: Screen) -> None:
+    if study is not None:
+        worst = largest_errors(study.rows)
+        for loading, text in LOADINGS.items():
+            rows = []
+            for closure in study.closures:
+                found = [worst.get((loading, closure, name)) for name in _SHOWN]
+                rows.append([closure, *(_shown(name, entry) for name, entry in zip(_SHOWN, found))])
+            head = ["closure", "z [%]", "a_c", "a_n", "a_t", "f/f0 [%]"]
+            title = f"{text}: largest error (model - DEM) at q/p = {', '.join(f'{ratio:g}' for ratio in TABLE_LEVELS)}"
+            screen.table(title, head, rows)
+        dem = sum(value for name, value in study.seconds.items() if name != "model")
+        computed = record.details["dem_computed_now"]
+        read = len(study.results) - len(computed)
+        screen.say(
+            f"packings of {record.scene['particles']} disks: {len(computed)} computed, {read} read; DEM {dem:.1f} s, model {study.seconds['model']:.3f} s, compilation {record.timing['compilation']:.1f} s"
+        )
+    if record.outcome != "finished":
+        screen.say(f"{record.outcome}: {record.message}")
+    screen.say(f"{record.timing['total']:.1f} s in all; results in {record.folder}")
+
+
+_SHOWN = (
+    "coordination", "fabric_anisotropy", "normal_force_anisotropy", "tangential_force_anisotropy", "mean_normal_force"
+)  # fmt: skip
+
+
+def _shown(quantity: str, entry: Comparison | None) -> str:
+    if entry is None:
+        return "-"
+    if quantity in ("coordination", "mean_normal_force"):
+        return f"{100.0 * entry.error / entry.dem:+.2f}"
+    return f"{entry.error:+.4f}"

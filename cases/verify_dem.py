@@ -1,0 +1,183 @@
+"""The DEM side of the comparison: packings, their measured inputs and both loadings, kept on disk and used again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from dem_ref.biaxial import DemRun, RunOptions
+from dem_ref.compilation import kernel_cache_directory
+from dem_ref.packing import make_packing
+from dem_ref.path import biaxial_test
+from dem_ref.sample import Sample, SampleError, load_sample, save_sample
+
+from . import files
+from .dem import measured_inputs
+from .dem_series import history_text
+
+STORE = "dem"
+"""Folder, inside the result folder, of what the DEM computed."""
+
+LOADINGS = {"constant_pressure": "mean pressure constant", "constant_lateral_stress": "lateral stress constant"}
+STRESS_RATIO = 0.302
+"""Just beyond the last ratio that is compared, so that every run passes it."""
+
+LARGEST_STRAIN = 0.02
+
+Report = Callable[[str, float], None]
+
+
+def loading_options(loading: str) -> RunOptions:
+    """Options of the DEM run of a loading."""
+    return RunOptions(tuple(biaxial_test(loading, STRESS_RATIO, LARGEST_STRAIN)))
+
+
+@dataclass
+class SeedResult:
+    """What the DEM says about one packing.
+
+    Attributes
+    ----------
+    seed : int
+    packing : Sample
+        At the start.
+    inputs : dict of str to float
+        Measured inputs of the point law, by scene key.
+    runs : dict of str to DemRun
+        One for each of `LOADINGS`.
+    seconds : dict of str to float
+        Time of ``packing``, ``measuring`` and each loading, when they were computed.
+    computed : bool
+        Whether anything was computed now, rather than read.
+    """
+
+    seed: int
+    packing: Sample
+    inputs: dict[str, float] = field(default_factory=dict)
+    runs: dict[str, DemRun] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    computed: bool = False
+
+
+class Stopped(Exception):
+    """The user asked to stop; what was computed is on disk and is used when the comparison is asked for again."""
+
+
+class DemStore:
+    """DEM results in a folder, one set a seed.
+
+    File names carry a hash of everything that decides the numbers: the options and the sources of the DEM.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if missing.
+    particles : int
+    """
+
+    def __init__(self, folder: Path, particles: int) -> None:
+        self.folder = folder
+        self.particles = particles
+        folder.mkdir(parents=True, exist_ok=True)
+        content = [loading_options(loading).fingerprint() for loading in LOADINGS]
+        content += [str(particles), kernel_cache_directory().name]
+        self._mark = hashlib.sha256("\n".join(content).encode()).hexdigest()[:10]
+
+    def path(self, seed: int, name: str) -> Path:
+        """File of one seed."""
+        return self.folder / f"{self.particles}_disks_seed_{seed}_{self._mark}_{name}"
+
+    def complete(self, seed: int, report: Report, stop: Callable[[], bool]) -> SeedResult:
+        """All results of a seed; what is missing is computed, what was begun is finished.
+
+        Raises
+        ------
+        Stopped
+        """
+        notes = self._read_notes(seed)
+        result = SeedResult(seed, self._packing(seed, notes, report, stop))
+        if "inputs" not in notes:
+            report("measuring the inputs of the point law", 0.5)
+            result.computed = True
+            with _timed(notes, "measuring"):
+                notes["inputs"] = measured_inputs(result.packing)
+            self._write_notes(seed, notes)
+        result.inputs = notes["inputs"]
+        for place, loading in enumerate(LOADINGS):
+            result.runs[loading] = self._run(seed, loading, result, notes, report, stop, 0.6 + 0.2 * place)
+        result.seconds = notes["seconds"]
+        result.computed = result.computed or bool(notes.pop("computed", False))
+        return result
+
+    def _packing(self, seed: int, notes: dict[str, Any], report: Report, stop: Callable[[], bool]) -> Sample:
+        path = self.path(seed, "packing.npz")
+        with suppress(SampleError):
+            return load_sample(path)
+
+        def watched(text: str, fraction: float) -> None:
+            report(text, 0.5 * fraction)
+            if stop():
+                raise Stopped
+
+        notes["computed"] = True
+        notes["seconds"] = {}
+        with _timed(notes, "packing"):
+            packing = make_packing(self.particles, seed, progress=watched)
+        save_sample(path, packing)
+        return packing
+
+    def _run(
+        self,
+        seed: int,
+        loading: str,
+        result: SeedResult,
+        notes: dict[str, Any],
+        report: Report,
+        stop: Callable[[], bool],
+        begin: float,
+    ) -> DemRun:
+        options, path = loading_options(loading), self.path(seed, f"{loading}.npz")
+        try:
+            run = DemRun.resume(path, options)
+        except SampleError:  # none yet, or cut off
+            run = DemRun(result.packing, options)
+            notes["seconds"].pop(loading, None)
+        if run.finished:
+            return run
+        notes["computed"] = True
+        with _timed(notes, loading):
+            run.execute(
+                lambda state: report(LOADINGS[loading], begin + 0.2 * state.completed_fraction()),
+                stop,
+                checkpoint=path,
+            )
+        files.write_text(self.path(seed, f"{loading}.csv"), history_text(run))
+        self._write_notes(seed, notes)
+        if not run.finished:
+            raise Stopped
+        return run
+
+    def _read_notes(self, seed: int) -> dict[str, Any]:
+        with suppress(OSError, ValueError):
+            notes = json.loads(self.path(seed, "notes.json").read_text(encoding="utf-8"))
+            if isinstance(notes, dict) and isinstance(notes.get("seconds"), dict):
+                return notes
+        return {"seconds": {}}
+
+    def _write_notes(self, seed: int, notes: dict[str, Any]) -> None:
+        files.write_json(
+            self.path(seed, "notes.json"), {name: value for name, value in notes.items() if name != "computed"}
+        )
+
+
+@contextmanager
+def _timed(notes: dict[str, Any], name: str) -> Iterator[None]:
+    since = time.perf_counter()
+    yield
+    notes["seconds"][name] = notes["seconds"].get(name, 0.0) + time.perf_counter() - since
