@@ -16,23 +16,37 @@ from .contract import Status
 from .lanes import (
     ACCEPT,
     ADVANCED,
+    C_E,
     C_N,
+    CHI,
+    CHI_P,
     ERROR,
     EXTRAS,
     FEEDBACK,
     FLOOR,
+    FORCE_CHANGE,
+    GAIN,
     GIVEN,
     KERNEL_OPTIONS,
     LANES,
+    LARGEST_S,
+    LOSS,
     MEASURE,
+    ORIGIN_A1,
+    ORIGIN_A2,
+    ORIGIN_Z,
     OUTCOME,
+    P_ZERO,
     RATE,
     RATES,
     REFERENCE_A1,
     REFERENCE_A2,
     REFERENCE_Z,
     ROTATION,
+    SHIFTED_DISTRIBUTION,
     SIZE,
+    SLOT,
+    SLOT_SCALE,
     STAGE,
     START_P,
     START_S1,
@@ -43,6 +57,8 @@ from .lanes import (
     TY,
     UNKNOWNS,
     WORST,
+    X1,
+    X2,
     L,
     Y,
 )
@@ -51,9 +67,12 @@ from .load_lane import (
     M_A2,
     M_F,
     M_GAINED,
+    M_LARGEST_S,
     M_LOST,
     M_N1,
     M_N2,
+    M_SHIFT,
+    M_SPREAD,
     M_T1,
     M_T2,
     M_Z,
@@ -71,8 +90,10 @@ from .runge_kutta import (
     SAFETY,
     SMALLEST_SUBSTEP,
 )
+from .shifted_distribution import network_of, split_change
 from .stage import stage
 from .stiffness import stress_invariants
+from .weak_force_stage import shift_and_gain
 
 OK = int(Status.OK)
 LIMITED = int(Status.LIMITED)
@@ -80,6 +101,7 @@ NO_PRESSURE = int(Status.NO_PRESSURE)
 NOT_ADMISSIBLE = int(Status.NOT_ADMISSIBLE)
 TOO_MANY_SUBSTEPS = int(Status.TOO_MANY_SUBSTEPS)
 NOT_FINITE = int(Status.NOT_FINITE)
+NOT_CONVERGED = int(Status.NOT_CONVERGED)
 
 _NOT_NEGATIVE = 0x7FFFFFFF
 
@@ -87,7 +109,7 @@ TANGENT_NONE, TANGENT_PROPAGATED, TANGENT_CONTINUUM, TANGENT_ELASTIC = range(4)
 
 
 @compiled(inline="always", **KERNEL_OPTIONS)
-def _attempt(w, control, mixed, options, derivatives, tableau, nodes, weights, solver):
+def _attempt(w, control, mixed, options, numbers, derivatives, tableau, rule, solver):
     """All stages of one substep from rows Y, TY over rows STEP; leaves the end in TRIAL, the worst status in WORST."""
     a, b = tableau[0], tableau[1]
     stages = b.shape[0]
@@ -100,7 +122,7 @@ def _attempt(w, control, mixed, options, derivatives, tableau, nodes, weights, s
         # a stage that only estimates the error needs no derivatives
         with_derivatives = derivatives and (b[i] != 0.0 or i < stages - 1)
         _advance(w, ADVANCED if with_derivatives else UNKNOWNS, i, a[i])
-        stage(w, control, mixed, options, with_derivatives, nodes, weights, solver)
+        stage(w, control, mixed, options, numbers, with_derivatives, rule, solver)
         keep = STAGE + i * RATES * L
         for index in range(RATES * L):
             w[keep + index] = w[RATE + index]
@@ -146,7 +168,7 @@ def _larger(measure, error, step, scale):
 
 
 @compiled(**KERNEL_OPTIONS)
-def _estimate(w, error, tolerance):
+def _estimate(w, error, tolerance, shifted):
     """Error of the substep in units of the tolerance (stress relative to p, z relative, a_c absolute); end state."""
     for index in range(UNKNOWNS * L):
         w[ERROR + index] = 0.0
@@ -158,13 +180,13 @@ def _estimate(w, error, tolerance):
         measure = _larger(0.0, w[ERROR + lane], h, p)
         measure = _larger(measure, w[ERROR + L + lane], h, p)
         measure = _larger(measure, w[ERROR + 2 * L + lane], h, p)
-        measure = _larger(measure, w[ERROR + 3 * L + lane], h, tolerance * w[Y + 3 * L + lane])
+        measure = _larger(measure, w[ERROR + 3 * L + lane], h, tolerance * w[SLOT_SCALE + lane])
         measure = _larger(measure, w[ERROR + 4 * L + lane], h, tolerance)
         measure = _larger(measure, w[ERROR + 5 * L + lane], h, tolerance)
         start, end = -0.5 * (w[Y + lane] + w[Y + L + lane]), -0.5 * (w[TRIAL + lane] + w[TRIAL + L + lane])
         change = _larger_change(0.0, end - start, LARGEST_CHANGE * start)
-        z = w[Y + 3 * L + lane]
-        change = _larger_change(change, w[TRIAL + 3 * L + lane] - z, LARGEST_CHANGE * z)
+        growth = w[TRIAL + 3 * L + lane] - w[Y + 3 * L + lane]
+        change = _larger_change(change, growth, LARGEST_CHANGE * w[SLOT_SCALE + lane])
         change = _larger_change(change, w[TRIAL + 4 * L + lane] - w[Y + 4 * L + lane], LARGEST_CHANGE)
         change = _larger_change(change, w[TRIAL + 5 * L + lane] - w[Y + 5 * L + lane], LARGEST_CHANGE)
         # so that the next substep is shorter by this factor, for an estimate of order two
@@ -172,7 +194,8 @@ def _estimate(w, error, tolerance):
         w[MEASURE + lane] = measure if measure > change or change <= 1.0 else change
         z, a1, a2 = w[TRIAL + 3 * L + lane], w[TRIAL + 4 * L + lane], w[TRIAL + 5 * L + lane]
         outcome = w[WORST + lane]
-        admissible = z > 0.0 and a1 * a1 + a2 * a2 < 4.0 and measure < math.inf
+        inside = z > 0.0 and a1 * a1 + a2 * a2 < 4.0
+        admissible = (inside or shifted) and measure < math.inf
         pressure = end > w[FLOOR + lane]
         fine = outcome <= LIMITED
         outcome = outcome if admissible or not fine else float(NOT_ADMISSIBLE)
@@ -230,10 +253,10 @@ def update_points(
     table,
     micro_of_column,
     options,
+    numbers,
     tableau,
     numerics,
-    nodes,
-    weights,
+    rule,
     status,
     counts,
 ):
@@ -248,6 +271,9 @@ def update_points(
     derivatives = tangent_kind == TANGENT_PROPAGATED
     tolerance, planned, most = numerics[0], int(numerics[1]), int(numerics[2])
     fixed = planned > 0
+    network = options[LOSS] != 0 or options[GAIN] != 0
+    shifted = network and options[FORCE_CHANGE] == SHIFTED_DISTRIBUTION
+    resolved = np.empty(20)
     w = np.zeros(SIZE)
     micro = np.zeros(MICRO)
     solver = np.zeros((3, 4))
@@ -265,7 +291,9 @@ def update_points(
                 point = following
                 following += 1
                 par = table[material_index[point]]
-                outcome = load_point(w, lane, point, given, stress_start, state_start, par, micro_of_column, options)
+                outcome = load_point(
+                    w, lane, point, given, stress_start, state_start, par, micro_of_column, options, numbers
+                )
                 if tangent_kind != TANGENT_NONE:
                     stiffness_of(w, lane, outcome != NOT_FINITE, tangent[point])
                 at_rest = given[point, 0] == 0.0 and given[point, 1] == 0.0 and given[point, 2] == 0.0
@@ -299,8 +327,8 @@ def update_points(
                         w[STEP + lane] = remaining
         if active == 0:
             break
-        _attempt(w, lane_control, mixed, options, derivatives, tableau, nodes, weights, solver)
-        _estimate(w, error, tolerance)
+        _attempt(w, lane_control, mixed, options, numbers, derivatives, tableau, rule, solver)
+        _estimate(w, error, tolerance, shifted)
         for lane in range(LANES):
             point = point_of[lane]
             w[ACCEPT + lane] = 0.0
@@ -326,6 +354,10 @@ def update_points(
                 continue
             if w[ACCEPT + lane] > 0.0:
                 time[lane] += w[STEP + lane]
+                w[SLOT_SCALE + lane] = 1.0 if shifted else w[Y + 3 * L + lane]
+                if shifted:
+                    _, s1, s2 = stress_invariants(w[Y + lane], w[Y + L + lane], w[Y + 2 * L + lane])
+                    w[LARGEST_S + lane] = max(w[LARGEST_S + lane], math.sqrt(s1 * s1 + s2 * s2))
                 if not last[lane]:
                     if counts[point, 0] + counts[point, 1] >= most:
                         status[point] = TOO_MANY_SUBSTEPS
@@ -341,6 +373,20 @@ def update_points(
                 for i in range(state_start.shape[1]):
                     state_end[point, i] = state_start[point, i]
             elif last[lane]:
+                if shifted and not _network_at_end(
+                    w, lane, mixed, lane_control[lane], stress_start, point, numbers, rule, resolved
+                ):
+                    status[point] = NOT_CONVERGED
+                    for i in range(3):
+                        stress_end[point, i] = stress_start[point, i]
+                        if mixed:
+                            strain_increment[point, i] = 0.0
+                    for i in range(state_start.shape[1]):
+                        state_end[point, i] = state_start[point, i]
+                    point_of[lane] = -1
+                    if following >= end:
+                        load_idle(w, lane)
+                    continue
                 _finish(
                     w,
                     lane,
@@ -353,6 +399,8 @@ def update_points(
                     micro_of_column,
                     micro,
                 )
+                if shifted:
+                    _finish_weak_forces(w, lane, numbers, rule, resolved, state_start, point, micro_of_column, micro)
                 for i in range(3):
                     stress_end[point, i] = w[Y + i * L + lane]
                     if mixed:
@@ -367,9 +415,8 @@ def update_points(
                             tangent[point, i, j] = w[TY + (j * UNKNOWNS + i) * L + lane]
                 elif tangent_kind == TANGENT_CONTINUUM:
                     if options[FEEDBACK] != 0:
-                        w[REFERENCE_Z + lane] = w[Y + 3 * L + lane]
-                        w[REFERENCE_A1 + lane] = w[Y + 4 * L + lane]
-                        w[REFERENCE_A2 + lane] = w[Y + 5 * L + lane]
+                        w[REFERENCE_Z + lane], w[REFERENCE_A1 + lane] = micro[M_Z], micro[M_A1]
+                        w[REFERENCE_A2 + lane] = micro[M_A2]
                     stiffness_of(w, lane, True, tangent[point])
             else:
                 continue
@@ -389,6 +436,7 @@ def _finish(w, lane, point, mixed, control, options, stress_start, state_start, 
                 w[Y + i * L + lane] = stress_start[point, i] + w[GIVEN + i * L + lane]
     p0 = -0.5 * (stress_start[point, 0] + stress_start[point, 1])
     p, s1, s2 = stress_invariants(w[Y + lane], w[Y + L + lane], w[Y + 2 * L + lane])
+    # z, a_c; with shifted weak forces put there by `_network_at_end`
     z, a1, a2 = w[Y + 3 * L + lane], w[Y + 4 * L + lane], w[Y + 5 * L + lane]
     ds1, ds2 = s1 - w[START_S1 + lane], s2 - w[START_S2 + lane]
     if options[ROTATION] == 0:
@@ -403,6 +451,64 @@ def _finish(w, lane, point, mixed, control, options, stress_start, state_start, 
         micro[M_GAINED + i] += w[SUMS + i * L + lane]
         micro[M_LOST + i] += w[SUMS + (3 + i) * L + lane]
     micro[M_Z], micro[M_A1], micro[M_A2] = z, a1, a2
+
+
+@compiled()
+def _network_at_end(w, lane, mixed, control, stress_start, point, numbers, rule, resolved):
+    """With shifted weak forces: z, a_c of the end state into Y; S_i stays in SLOT. False if there is none."""
+    if mixed:
+        for i in range(3):
+            if control[i] == 1:
+                w[Y + i * L + lane] = stress_start[point, i] + w[GIVEN + i * L + lane]
+    p = -0.5 * (w[Y + lane] + w[Y + L + lane])
+    if not p > w[FLOOR + lane]:
+        return False
+    x0, gain = shift_and_gain(w, lane, p, numbers[CHI_P])
+    origin = (w[ORIGIN_Z + lane], w[ORIGIN_A1 + lane], w[ORIGIN_A2 + lane])
+    spread = w[Y + 3 * L + lane]
+    found = network_of(
+        x0,
+        w[Y + 4 * L + lane],
+        w[Y + 5 * L + lane],
+        spread,
+        w[X1 + lane],
+        w[X2 + lane],
+        origin,
+        w[P_ZERO + lane],
+        gain,
+        numbers[CHI],
+        numbers[C_E],
+        rule[2],
+        rule[3],
+        resolved,
+    )
+    w[SLOT + lane] = spread
+    w[Y + 3 * L + lane], w[Y + 4 * L + lane], w[Y + 5 * L + lane] = resolved[0], resolved[1], resolved[2]
+    return found
+
+
+@compiled()
+def _finish_weak_forces(w, lane, numbers, rule, resolved, state_start, point, micro_of_column, micro):
+    """State columns of the shifted weak forces; gained and lost from the change of N, direction by direction."""
+    start = np.zeros(MICRO)
+    for i in range(state_start.shape[1]):
+        start[micro_of_column[i]] = state_start[point, i]
+    p = -0.5 * (w[Y + lane] + w[Y + L + lane])
+    x0, gain = shift_and_gain(w, lane, p, numbers[CHI_P])
+    _, gain_start = shift_and_gain(w, lane, w[START_P + lane], numbers[CHI_P])
+    micro[M_SHIFT], micro[M_SHIFT + 1], micro[M_SHIFT + 2] = x0, resolved[3], resolved[4]
+    micro[M_SPREAD], micro[M_LARGEST_S] = w[SLOT + lane], w[LARGEST_S + lane]
+    split_change(
+        (w[ORIGIN_Z + lane], w[ORIGIN_A1 + lane], w[ORIGIN_A2 + lane]),
+        w[P_ZERO + lane],
+        numbers[C_E],
+        (start[M_SHIFT], start[M_SHIFT + 1], start[M_SHIFT + 2], start[M_SPREAD], gain_start),
+        (x0, resolved[3], resolved[4], w[SLOT + lane], gain),
+        rule[2],
+        rule[3],
+        micro[M_GAINED : M_GAINED + 3],
+        micro[M_LOST : M_LOST + 3],
+    )
 
 
 @compiled()

@@ -54,7 +54,9 @@ STEP = _rows(UNKNOWNS + UNKNOWNS * COLUMNS)
 ERROR = _rows(UNKNOWNS)
 
 # parameters of the lane's material
-P_ZERO, HALF_GAP, NEIGHBOURS, C_N, FORCE_SCALE, BULK, SHEAR, COUPLING, FLOOR = (_rows(1) for _ in range(9))
+P_ZERO, HALF_GAP, NEIGHBOURS, C_N, FORCE_SCALE, FLOOR = (_rows(1) for _ in range(6))
+BULK, SHEAR, SHEAR_OFFSET, COUPLING = (_rows(1) for _ in range(4))
+"""K = bulk z, G = shear (z - offset), B = coupling z."""
 
 # one stage: unknowns there and their derivatives; rates of both, and of the extras
 TRIAL = _rows(UNKNOWNS)
@@ -66,10 +68,18 @@ GAINED, LOST, STRAIN = (_rows(3) for _ in range(3))
 
 # intermediate quantities of a stage
 INVERSE_P, S1, S2, D, DS1, DS2, N1, N2, LIMIT, FORCE = (_rows(1) for _ in range(10))
-STIFF_Z, STIFF_A1, STIFF_A2 = (_rows(1) for _ in range(3))
+STIFF_K, STIFF_G, STIFF_B, STIFF_A1, STIFF_A2 = (_rows(1) for _ in range(5))
 V1, V2, X1, X2, GAIN_FACTOR, SHARE, SOLVED = (_rows(1) for _ in range(7))
 COS, SIN, F_V1, F_V2, F_A1, F_A2, F_N = (_rows(1) for _ in range(7))
 I11, I12, I21, I22 = (_rows(1) for _ in range(4))
+
+# the distribution of weak-contact forces: the initial packing, X_0 at the start, the largest |s| so far; S_i and Y of
+# the stage with their derivatives, while rows of z and a_c hold what follows from them
+ORIGIN_Z, ORIGIN_A1, ORIGIN_A2, START_SHIFT, LARGEST_S, VIRGIN = (_rows(1) for _ in range(6))
+SLOT = _rows(3)
+SLOT_TY = _rows(3 * COLUMNS)
+SLOT_SCALE = _rows(1)
+"""By what the error of the fourth unknown is measured: z, or 1 for S_i."""
 COLUMN_TY, COLUMN_SLOPE = _rows(UNKNOWNS), _rows(UNKNOWNS)
 """One column of the derivatives, brought to a place known to the compiler."""
 ROW_VALUE, ROW_BY_V, ROW_BY_A, ROW_BY_N, ROW_JACOBIAN = _rows(2), _rows(6), _rows(4), _rows(2), _rows(9)
@@ -104,8 +114,12 @@ SIZE = next(_next) * LANES
 """Length of a workspace."""
 
 # entries of the integer options given to the kernels
-LOSS, GAIN, ROTATION, FEEDBACK, SELF_CONSISTENT, DENSITY, CLOSED_FORM = range(7)
+LOSS, GAIN, ROTATION, FEEDBACK, SELF_CONSISTENT, DENSITY, CLOSED_FORM, FORCE_CHANGE, ISOSTATIC = range(9)
 HARMONIC, MAXIMUM_ENTROPY = 0, 1
+MEAN_FIELD, SHIFTED_DISTRIBUTION = 0, 1
+
+# entries of the closure numbers
+CHI, CHI_P, C_E, C_W = range(4)
 
 KERNEL_OPTIONS: dict[str, Any] = {"fastmath": {"contract"}}
 """Multiply-add in one rounding is the same for every lane; nothing else of IEEE arithmetic is given up."""

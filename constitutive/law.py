@@ -18,7 +18,7 @@ from .integrate import (
     smallest_step_factor,
     update_points,
 )
-from .lanes import HARMONIC, MAXIMUM_ENTROPY
+from .lanes import HARMONIC, MAXIMUM_ENTROPY, MEAN_FIELD, SHIFTED_DISTRIBUTION
 from .load_lane import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
 from .parameters import Closure, Integration, Material, ParameterError, parameter_table
 from .runge_kutta import TABLEAUS
@@ -74,12 +74,18 @@ class ContactLaw:
                     f"material.initial_fabric has the magnitude {magnitude:g}, but the {self.closure.distribution} "
                     f"distribution admits {'less than 2' if entropy else 'at most 1'}"
                 )
+            if self.closure.shear_stiffness == "isostatic" and material.isostatic_coordination >= material.coordination:
+                raise ParameterError(
+                    f"material.isostatic_coordination = {material.isostatic_coordination:g} is not below "
+                    f"material.coordination = {material.coordination:g}: the packing would have no shear stiffness"
+                )
             if self.closure.tangential == "self_consistent" and material.force_density_at_zero >= 1.0:
                 raise ParameterError(
                     f"material.force_density_at_zero = {material.force_density_at_zero:g} is not below 1, where the "
                     'self-consistent equations have no solution; choose tangential = "neglected"'
                 )
-        self._variables = state_variables(self.effects)
+        shifted = self.closure.force_change == "shifted_distribution"
+        self._variables = state_variables(self.effects, shifted)
         self._micro = micro_of_columns(self._variables)
         self._options = np.array(
             [
@@ -90,6 +96,8 @@ class ContactLaw:
                 self.closure.tangential == "self_consistent",
                 MAXIMUM_ENTROPY if entropy else HARMONIC,
                 self.integration.arc_integration == "closed_form",
+                SHIFTED_DISTRIBUTION if shifted else MEAN_FIELD,
+                self.closure.shear_stiffness == "isostatic",
             ],
             dtype=np.int64,
         )
@@ -97,7 +105,18 @@ class ContactLaw:
         self._numerics = np.array(
             [self.integration.tolerance, self.integration.substeps, self.integration.maximum_substeps], dtype=np.float64
         )
-        self._nodes, self._weights = np.polynomial.legendre.leggauss(self.integration.directions)
+        self._numbers = np.array(
+            [
+                self.closure.weak_contact_ratio,
+                self.closure.weak_contact_ratio_isotropic,
+                self.closure.elastic_scatter,
+                self.closure.fluctuation,
+            ],
+            dtype=np.float64,
+        )
+        circle = 2.0 * np.pi * np.arange(self.integration.directions) / self.integration.directions
+        nodes, weights = np.polynomial.legendre.leggauss(self.integration.directions)
+        self._rule = (nodes, weights, np.cos(circle), np.sin(circle))
 
     @cached_property
     def description(self) -> LawDescription:
@@ -154,6 +173,7 @@ class ContactLaw:
             "tangential_force_anisotropy": 2.0 * s - fabric - normal,
             "reference_coordination": z,
             "reference_fabric": fabric,
+            "largest_stress_ratio": np.hypot(s[:, 0], s[:, 1]),
         }
         state = np.zeros((npt, self.description.nstate))
         for variable in self._variables:
@@ -292,10 +312,10 @@ class ContactLaw:
             self._table,
             self._micro,
             self._options,
+            self._numbers,
             (self._tableau.a, self._tableau.b, self._tableau.error, self._tableau.error_order),
             self._numerics,
-            self._nodes,
-            self._weights,
+            self._rule,
             status,
             counts,
         )

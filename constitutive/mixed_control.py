@@ -1,7 +1,7 @@
 """Rates of stress and strain where some components of stress and the other components of strain are given."""
 
 from .compilation import compiled
-from .lanes import BULK, COUPLING, GIVEN, RATE, SHEAR, STIFF_A1, STIFF_A2, STIFF_Z, STRAIN, L
+from .lanes import GIVEN, RATE, STIFF_A1, STIFF_A2, STIFF_B, STIFF_G, STIFF_K, STRAIN, L
 from .stiffness import fill_stiffness, stress_rate
 
 
@@ -19,9 +19,9 @@ def solve_mixed(w, lane, control, c):
     c : ndarray, shape (3, 4)
         Workspace: stiffness and right-hand side.
     """
-    k, g, b = w[BULK + lane], w[SHEAR + lane], w[COUPLING + lane]
-    z, a1, a2 = w[STIFF_Z + lane], w[STIFF_A1 + lane], w[STIFF_A2 + lane]
-    fill_stiffness(k, g, b, z, a1, a2, c)
+    k, g, b = w[STIFF_K + lane], w[STIFF_G + lane], w[STIFF_B + lane]
+    a1, a2 = w[STIFF_A1 + lane], w[STIFF_A2 + lane]
+    fill_stiffness(k, g, b, a1, a2, c)
     for i in range(3):
         c[i, 3] = w[GIVEN + i * L + lane]
         w[STRAIN + i * L + lane] = c[i, 3]
@@ -46,7 +46,7 @@ def solve_mixed(w, lane, control, c):
                     total -= c[i, j] * w[STRAIN + j * L + lane]
             w[STRAIN + i * L + lane] = total / c[i, i]
     xx, yy, xy = stress_rate(
-        k, g, b, z, a1, a2, w[STRAIN + lane], w[STRAIN + L + lane], w[STRAIN + 2 * L + lane]
+        k, g, b, a1, a2, w[STRAIN + lane], w[STRAIN + L + lane], w[STRAIN + 2 * L + lane]
     )
     w[RATE + lane] = w[GIVEN + lane] if control[0] == 1 else xx
     w[RATE + L + lane] = w[GIVEN + L + lane] if control[1] == 1 else yy

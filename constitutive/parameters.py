@@ -14,7 +14,8 @@ import numpy as np
 
 from .contract import Array, Variable
 
-ForceChange = Literal["mean_field"]
+ForceChange = Literal["mean_field", "shifted_distribution"]
+ShearStiffness = Literal["uniform_strain", "isostatic"]
 Tangential = Literal["neglected", "self_consistent"]
 Distribution = Literal["harmonic", "maximum_entropy"]
 ArcIntegration = Literal["closed_form", "gauss"]
@@ -80,6 +81,15 @@ class Material:
             "shear_reduction", "shear modulus over its uniform-strain estimate", lower=1e-3, upper=2.0, default=1.0
         )
     )
+    isostatic_coordination: float = _declare(
+        Variable(
+            "isostatic_coordination",
+            "coordination number z_iso at which the shear stiffness vanishes, counted as z is",
+            lower=0.0,
+            upper=5.0,
+            default=3.0,
+        )
+    )
     initial_fabric_xx: float = _declare(
         Variable("initial_fabric_xx", "a_c(0), component along cos 2 theta", lower=-2.0, upper=2.0, default=0.0)
     )
@@ -118,22 +128,43 @@ class Closure:
 
     Parameters
     ----------
-    force_change : {"mean_field"}
-        Force change of weak contacts: every contact of a direction feels the mean change (the source).
+    force_change : {"mean_field", "shifted_distribution"}
+        Force change of weak contacts: every contact of a direction feels the mean change (the source), or the
+        distribution of weak forces is followed as it is shifted and spread (always self-consistent).
     tangential : {"neglected", "self_consistent"}
         ``b = 2 ds`` (the source, a_t constant) or ``b = c_n ds + da_c``.
     distribution : {"harmonic", "maximum_entropy"}
-        Directional density of contacts for a given a_c.
+        Directional density of contacts for a given a_c; not used by "shifted_distribution", which has its own.
+    shear_stiffness : {"uniform_strain", "isostatic"}
+        G in proportion to z, or to z - z_iso.
+    weak_contact_ratio : float
+        chi: mean change of force of weak contacts over that of all contacts of their direction.
+    weak_contact_ratio_isotropic : float
+        chi_p: the same for a change of pressure.
+    elastic_scatter : float
+        c_e: scatter of the change of weak forces over the amplitude of their mean change; reversible.
+    fluctuation : float
+        c_w: irreversible scatter, per shear strain kn r/f, on virgin loading.
     """
 
     force_change: ForceChange = "mean_field"
     tangential: Tangential = "neglected"
     distribution: Distribution = "harmonic"
+    shear_stiffness: ShearStiffness = "uniform_strain"
+    weak_contact_ratio: float = 0.75
+    weak_contact_ratio_isotropic: float = 0.5
+    elastic_scatter: float = 0.5
+    fluctuation: float = 0.25
 
     def __post_init__(self) -> None:
         _check_choice("closure", "force_change", self.force_change, get_args(ForceChange))
         _check_choice("closure", "tangential", self.tangential, get_args(Tangential))
         _check_choice("closure", "distribution", self.distribution, get_args(Distribution))
+        _check_choice("closure", "shear_stiffness", self.shear_stiffness, get_args(ShearStiffness))
+        for name in ("weak_contact_ratio", "weak_contact_ratio_isotropic", "elastic_scatter", "fluctuation"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value <= 5.0:
+                raise ParameterError(f"closure.{name} = {value!r} is not a number in [0, 5]")
 
 
 @dataclass(frozen=True, kw_only=True)

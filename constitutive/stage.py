@@ -21,6 +21,7 @@ from .lanes import (
     FEEDBACK,
     FLOOR,
     FORCE,
+    FORCE_CHANGE,
     FORCE_SCALE,
     GAIN,
     GAINED,
@@ -54,6 +55,8 @@ from .lanes import (
     S1,
     S2,
     SHEAR,
+    SHEAR_OFFSET,
+    SHIFTED_DISTRIBUTION,
     SLOPE,
     SOLVED,
     START_N1,
@@ -62,7 +65,9 @@ from .lanes import (
     START_S2,
     STIFF_A1,
     STIFF_A2,
-    STIFF_Z,
+    STIFF_B,
+    STIFF_G,
+    STIFF_K,
     STRAIN,
     TRIAL,
     TRIAL_A1,
@@ -76,6 +81,7 @@ from .lanes import (
 from .mixed_control import solve_mixed
 from .rates import network_rates
 from .stiffness import stress_rate
+from .weak_force_stage import resolve_network, weak_force_rates, weak_force_slopes
 
 OK = float(Status.OK)
 LIMITED = float(Status.LIMITED)
@@ -86,7 +92,7 @@ NOT_CONVERGED = float(Status.NOT_CONVERGED)
 
 
 @compiled(inline="always", **KERNEL_OPTIONS)
-def stage(w, control, mixed, options, derivatives, nodes, weights, solver):
+def stage(w, control, mixed, options, numbers, derivatives, rule, solver):
     """Rates at the stage whose unknowns are in rows TRIAL (and TRIAL_TY); writes RATE ... STRAIN and OUTCOME.
 
     Parameters
@@ -99,12 +105,17 @@ def stage(w, control, mixed, options, derivatives, nodes, weights, solver):
     options : ndarray of int64
     derivatives : bool
         Derivatives by the strain increment; pure strain control only.
-    nodes, weights : ndarray
-        Gauss-Legendre rule.
+    numbers : ndarray, shape (4,)
+        Closure numbers chi, chi_p, c_e, c_w.
+    rule : tuple
+        Gauss-Legendre nodes and weights, cosines and sines of directions equally spaced over the circle.
     solver : ndarray, shape (3, 4)
         Workspace of `mixed_control.solve_mixed`.
     """
     network = options[LOSS] != 0 or options[GAIN] != 0
+    shifted = network and options[FORCE_CHANGE] == SHIFTED_DISTRIBUTION
+    if shifted:
+        resolve_network(w, numbers, derivatives, rule[2], rule[3])
     _check(w, options)
     if mixed:
         for lane in range(LANES):
@@ -113,12 +124,17 @@ def stage(w, control, mixed, options, derivatives, nodes, weights, solver):
         _strain_driven(w)
     if network:
         _force_change(w, options)
-        network_rates(w, options, derivatives, nodes, weights)
+        if shifted:
+            weak_force_rates(w, numbers, derivatives)
+        else:
+            network_rates(w, options, derivatives, rule[0], rule[1])
         _refuse_unsolved(w)
     else:
         _network_at_rest(w)
     if derivatives:
         _differentiate(w, options, network)
+        if shifted:
+            weak_force_slopes(w)
 
 
 @compiled(**KERNEL_OPTIONS)
@@ -126,10 +142,9 @@ def _strain_driven(w):
     """Stress rate of the given strain rate."""
     for lane in range(LANES):
         x, y, s = stress_rate(
-            w[BULK + lane],
-            w[SHEAR + lane],
-            w[COUPLING + lane],
-            w[STIFF_Z + lane],
+            w[STIFF_K + lane],
+            w[STIFF_G + lane],
+            w[STIFF_B + lane],
             w[STIFF_A1 + lane],
             w[STIFF_A2 + lane],
             w[GIVEN + lane],
@@ -192,8 +207,9 @@ def _check(w, options):
         zc = z if feedback else w[REFERENCE_Z + lane]
         c1 = a1 if feedback else w[REFERENCE_A1 + lane]
         c2 = a2 if feedback else w[REFERENCE_A2 + lane]
-        b = w[COUPLING + lane]
-        definite = b * b * (c1 * c1 + c2 * c2) < w[BULK + lane] * w[SHEAR + lane]
+        k, b = w[BULK + lane] * zc, w[COUPLING + lane] * zc
+        g = w[SHEAR + lane] * (zc - w[SHEAR_OFFSET + lane])
+        definite = g > 0.0 and b * b * (c1 * c1 + c2 * c2) < k * g
         outcome = LIMITED if harmonic and fabric > 1.0 else OK
         outcome = outcome if definite else STIFFNESS_LOST
         outcome = outcome if p > w[FLOOR + lane] else NO_PRESSURE
@@ -206,7 +222,9 @@ def _check(w, options):
         w[INVERSE_P + lane] = inverse
         w[S1 + lane] = -0.5 * (xx - yy) * inverse if usable else 0.0
         w[S2 + lane] = -xy * inverse if usable else 0.0
-        w[STIFF_Z + lane] = zc if usable else 1.0
+        w[STIFF_K + lane] = k if usable else 1.0
+        w[STIFF_G + lane] = g if usable else 1.0
+        w[STIFF_B + lane] = b if usable else 0.0
         w[STIFF_A1 + lane] = c1 if usable else 0.0
         w[STIFF_A2 + lane] = c2 if usable else 0.0
         w[TRIAL_Z + lane] = z if usable else 1.0
@@ -250,18 +268,19 @@ def _column(w, feedback, rotation, network, o_v, o_d, o_g):
     """
     for lane in range(LANES):
         k, g, b = w[BULK + lane], w[SHEAR + lane], w[COUPLING + lane]
-        zc, c1, c2 = w[STIFF_Z + lane], w[STIFF_A1 + lane], w[STIFF_A2 + lane]
+        stiff_k, stiff_g, stiff_b = w[STIFF_K + lane], w[STIFF_G + lane], w[STIFF_B + lane]
+        c1, c2 = w[STIFF_A1 + lane], w[STIFF_A2 + lane]
         tz, t1, t2 = w[COLUMN_TY + 3 * L + lane], w[COLUMN_TY + 4 * L + lane], w[COLUMN_TY + 5 * L + lane]
-        mean = zc * (k * o_v + b * (c1 * o_d + c2 * o_g))
-        half = zc * (g * o_d + b * c1 * o_v)
-        shear = zc * (g * o_g + b * c2 * o_v)
+        mean = stiff_k * o_v + stiff_b * (c1 * o_d + c2 * o_g)
+        half = stiff_g * o_d + stiff_b * c1 * o_v
+        shear = stiff_g * o_g + stiff_b * c2 * o_v
         e_v = w[GIVEN + lane] + w[GIVEN + L + lane]
         e_d = w[GIVEN + lane] - w[GIVEN + L + lane]
         e_g = w[GIVEN + 2 * L + lane]
         tz, t1, t2 = feedback * tz, feedback * t1, feedback * t2
-        mean += tz * (k * e_v + b * (c1 * e_d + c2 * e_g)) + zc * b * (t1 * e_d + t2 * e_g)
-        half += tz * (g * e_d + b * c1 * e_v) + zc * b * t1 * e_v
-        shear += tz * (g * e_g + b * c2 * e_v) + zc * b * t2 * e_v
+        mean += tz * (k * e_v + b * (c1 * e_d + c2 * e_g)) + stiff_b * (t1 * e_d + t2 * e_g)
+        half += tz * (g * e_d + b * c1 * e_v) + stiff_b * t1 * e_v
+        shear += tz * (g * e_g + b * c2 * e_v) + stiff_b * t2 * e_v
         w[COLUMN_SLOPE + lane] = mean + half
         w[COLUMN_SLOPE + L + lane] = mean - half
         w[COLUMN_SLOPE + 2 * L + lane] = shear

@@ -12,8 +12,11 @@ from .load_lane import (
     M_A1_REF,
     M_F,
     M_GAINED,
+    M_LARGEST_S,
     M_LOST,
     M_N1,
+    M_SHIFT,
+    M_SPREAD,
     M_T1,
     M_Z,
     M_Z_REF,
@@ -23,11 +26,12 @@ from .load_lane import (
 _ALONG = "component(s) in the double-angle plane"
 
 
-def state_variables(effects: Effects) -> tuple[Variable, ...]:
+def state_variables(effects: Effects, shifted: bool = False) -> tuple[Variable, ...]:
     """Declaration of the state columns for an effect set.
 
     Without `principal_rotation` vectors have one component (along the x-y axes); what is gained or lost is counted only
-    if that effect is on; a reference state is kept only where the network changes but the stiffness does not.
+    if that effect is on; a reference state is kept only
+    where the network changes but the stiffness does not, or the closure follows the weak forces (`shifted`).
     """
     components = 2 if effects.principal_rotation else 1
     variables = [
@@ -47,10 +51,17 @@ def state_variables(effects: Effects) -> tuple[Variable, ...]:
             Variable("coordination_lost", "z lost since the start", lower=0.0, default=0.0),
             Variable("fabric_lost", f"change of a_c by loss (subtracts), {_ALONG}", components=components, default=0.0),
         ]
-    if effects.network_changes and not effects.stiffness_feedback:
+    if effects.network_changes and (shifted or not effects.stiffness_feedback):
         variables += [
-            Variable("reference_coordination", "z that the stiffness keeps", lower=0.0),
-            Variable("reference_fabric", f"a_c that the stiffness keeps, {_ALONG}", components=components),
+            Variable("reference_coordination", "z of the initial packing", lower=0.0),
+            Variable("reference_fabric", f"a_c of the initial packing, {_ALONG}", components=components),
+        ]
+    if effects.network_changes and shifted:
+        variables += [
+            Variable("force_shift", "X_0, isotropic shift of weak forces over the mean force", default=0.0),
+            Variable("force_shift_anisotropy", f"X_1, {_ALONG}", components=components, default=0.0),
+            Variable("force_spread", "S_i, irreversible spread of weak forces over their mean", lower=0.0, default=0.0),
+            Variable("largest_stress_ratio", "largest q/p so far", lower=0.0),
         ]
     return tuple(variables)
 
@@ -67,6 +78,10 @@ _MICRO_OF = {
     "fabric_lost": (M_LOST + 1, M_LOST + 2),
     "reference_coordination": (M_Z_REF,),
     "reference_fabric": (M_A1_REF, M_A1_REF + 1),
+    "force_shift": (M_SHIFT,),
+    "force_shift_anisotropy": (M_SHIFT + 1, M_SHIFT + 2),
+    "force_spread": (M_SPREAD,),
+    "largest_stress_ratio": (M_LARGEST_S,),
 }
 
 

@@ -29,6 +29,15 @@ CLOSURES = [
         ("neglected", "self_consistent"), ("harmonic", "maximum_entropy")
     )
 ]
+"""Closures in the form of rates."""
+
+SHIFTED = [
+    Closure(force_change="shifted_distribution"),
+    Closure(force_change="shifted_distribution", shear_stiffness="isostatic", elastic_scatter=0.3, fluctuation=0.4),
+]
+"""Closures in the form of states."""
+
+ALL_CLOSURES = CLOSURES + SHIFTED + [Closure(shear_stiffness="isostatic")]
 
 EFFECT_SETS = [
     Effects(contact_loss=loss, contact_gain=gain, principal_rotation=rotation, stiffness_feedback=feedback)
@@ -38,7 +47,9 @@ EFFECT_SETS = [
 
 def closure_name(closure):
     """Test id."""
-    return f"{closure.tangential}-{closure.distribution}"
+    if closure.force_change == "mean_field":
+        return f"{closure.tangential}-{closure.distribution}-{closure.shear_stiffness}"
+    return f"{closure.force_change}-{closure.shear_stiffness}"
 
 
 def effects_name(effects):

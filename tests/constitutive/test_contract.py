@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 from contact_law_cases import (
-    CLOSURES,
+    ALL_CLOSURES,
     EFFECT_SETS,
     PRESSURE,
     Points,
@@ -31,7 +31,7 @@ def test_obeys_the_protocol():
     assert isinstance(law(), Law)
 
 
-@pytest.mark.parametrize("closure", CLOSURES, ids=closure_name)
+@pytest.mark.parametrize("closure", ALL_CLOSURES, ids=closure_name)
 def test_start_is_read_only_and_the_call_repeats(closure):
     points, increment = random_batch(law(closure=closure), 50)
     stress, state = points.stress.copy(), points.state.copy()
@@ -56,7 +56,7 @@ def test_zero_increment_changes_nothing_and_returns_the_stiffness(effects):
     assert tangent == pytest.approx(tiny, abs=1e-9 * tangent.max())
 
 
-@pytest.mark.parametrize("closure", CLOSURES, ids=closure_name)
+@pytest.mark.parametrize("closure", ALL_CLOSURES, ids=closure_name)
 def test_batch_equals_singles_in_any_order(closure):
     """Bit for bit: what a lane's neighbours hold does not matter, nor in which lane a point lies."""
     contact_law = law(closure=closure, tolerance=1e-8)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from contact_law_cases import CLOSURES, PRESSURE, Points, anisotropic_stress, closure_name, law, material
+from contact_law_cases import ALL_CLOSURES, CLOSURES, PRESSURE, Points, anisotropic_stress, closure_name, law, material
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -23,11 +23,11 @@ def rotation(angle):
     return stress, strain, np.array([[c, -s], [s, c]])
 
 
-@pytest.mark.parametrize("closure", CLOSURES, ids=closure_name)
+@pytest.mark.parametrize("closure", ALL_CLOSURES, ids=closure_name)
 def test_objectivity(closure):
     """Rotate axes and increment: everything rotates. Rounding of ten substeps of numbers of order p, z, 1."""
     rng = np.random.default_rng(2)
-    contact_law = law(closure=closure, substeps=10)
+    contact_law = law(closure=closure, substeps=10, directions=64)
     stress = anisotropic_stress(rng, 40)
     increment = rng.uniform(-5e-5, 5e-5, (40, 3))
     turn_stress, turn_strain, turn_vector = rotation(0.7321)
@@ -40,12 +40,14 @@ def test_objectivity(closure):
     for variable in contact_law.description.state:
         before, after = points.get(state, variable.name), turned.get(state_turned, variable.name)
         expected = before @ turn_vector.T if variable.components == 2 else before
-        assert after == pytest.approx(expected, abs=1e-12 * 10)
+        # the split by the sign of the change has a kink, which fixed directions resolve to 1/directions^2
+        kinked = closure.force_change == "shifted_distribution" and variable.name.endswith(("gained", "lost"))
+        assert after == pytest.approx(expected, abs=1e-6 if kinked else 1e-12 * 10)
     expected_tangent = turn_stress @ tangent @ np.linalg.inv(turn_strain)
     assert tangent_turned == pytest.approx(expected_tangent, abs=1e-9 * tangent.max())
 
 
-@pytest.mark.parametrize("closure", CLOSURES, ids=closure_name)
+@pytest.mark.parametrize("closure", ALL_CLOSURES, ids=closure_name)
 def test_homogeneity(closure):
     """No stress scale but kn: stress and kn times any factor leave strains and the micro-state as they are."""
     points = Points(law(closure=closure), (-1.2e5, -0.8e5, 1e4))
@@ -70,7 +72,7 @@ def test_rates_are_homogeneous_of_degree_one():
 @RELAXED
 @given(
     path=st.lists(st.tuples(fraction, fraction, fraction), min_size=1, max_size=6),
-    closure=st.sampled_from(CLOSURES),
+    closure=st.sampled_from(ALL_CLOSURES),
     p0=st.floats(0.0, 0.9),
     gap=st.floats(0.0, 300.0),
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from contact_law_cases import CLOSURES, EFFECT_SETS, Points, closure_name, effects_name, law, material
+from contact_law_cases import ALL_CLOSURES, EFFECT_SETS, Points, closure_name, effects_name, law, material
 
 from constitutive.runge_kutta import TABLEAUS
 
@@ -41,7 +41,7 @@ def test_every_effect_set(effects, substeps):
 
 
 @pytest.mark.parametrize("substeps", [1, 4])
-@pytest.mark.parametrize("closure", CLOSURES, ids=closure_name)
+@pytest.mark.parametrize("closure", ALL_CLOSURES, ids=closure_name)
 def test_every_closure(closure, substeps):
     packing = material(
         gap_density_at_zero=100.0, force_anisotropy_ratio=1.1, initial_fabric_xx=0.2, initial_fabric_xy=-0.1

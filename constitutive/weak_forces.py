@@ -1,0 +1,78 @@
+"""Expected negative and positive part of a normally distributed force change, without cancellation in the tails.
+
+For a mean x and a spread s >= 0, with u = x/s and the normal density phi and distribution Phi [model, section 5.2],
+
+    E[max(-g, 0)] = s phi(u) - x Phi(-u),      E[max(g, 0)] = s phi(u) + x Phi(u)
+
+The derivative by x is -Phi(-u) and Phi(u), the derivative by s is phi(u) for both. With s = 0 these are max(-x, 0) and
+max(x, 0).
+"""
+
+import math
+
+from .compilation import compiled
+
+_ROOT_2 = math.sqrt(2.0)
+_INVERSE_ROOT_2_PI = 1.0 / math.sqrt(2.0 * math.pi)
+_TAIL = 4.0
+"""Beyond this u the difference s phi - x Phi(-u) is taken from the continued fraction of Mills' ratio instead."""
+_DEPTH = 40
+"""Levels of that fraction: enough for rounding at u = 4."""
+
+
+@compiled()
+def normal_density(u):
+    """phi(u), relative error at rounding also in the tails."""
+    # u^2 = h^2 + (u - h)(u + h) with h^2 exact in double precision: the rounding of u^2 would be amplified by u^2
+    h = math.floor(u * 64.0) / 64.0 if abs(u) < 1e4 else 0.0
+    return _INVERSE_ROOT_2_PI * math.exp(-0.5 * h * h) * math.exp(-0.5 * (u - h) * (u + h))
+
+
+@compiled()
+def upper_tail(u):
+    """Phi(-u) = 1 - Phi(u), relative error at rounding for all u until it underflows."""
+    return 0.5 * math.erfc(u / _ROOT_2)
+
+
+@compiled()
+def expected_excess(u):
+    """phi(u) - u Phi(-u) >= 0: expected excess of a standard normal variable over u, relative error below 1e-14."""
+    density = normal_density(u)
+    if u <= _TAIL:
+        return density - u * upper_tail(u)
+    # Phi(-u) = phi/(u + c) with c = 1/(u + 2/(u + 3/(u + ...)))
+    c = 0.0
+    for n in range(_DEPTH, 0, -1):
+        c = n / (u + c)
+    return density * c / (u + c)
+
+
+@compiled()
+def negative_part(x, s):
+    """E[max(-g, 0)] and its derivatives by x and s.
+
+    Parameters
+    ----------
+    x : float
+        Mean of g.
+    s : float
+        Standard deviation of g, >= 0.
+
+    Returns
+    -------
+    value, by_x, by_s : float
+    """
+    if not s > 0.0 or abs(x) > 1e150 * s:
+        return (-x, -1.0, 0.0) if x < 0.0 else (0.0, 0.0, 0.0)
+    u = x / s
+    if u >= 0.0:
+        return s * expected_excess(u), -upper_tail(u), normal_density(u)
+    # E[max(-g, 0)] = E[max(g, 0)] - E[g]: no cancellation for a negative mean
+    return s * expected_excess(-u) - x, -upper_tail(u), normal_density(u)
+
+
+@compiled()
+def positive_part(x, s):
+    """E[max(g, 0)] and its derivatives by x and s; see `negative_part`."""
+    value, by_x, by_s = negative_part(-x, s)
+    return value, -by_x, by_s
