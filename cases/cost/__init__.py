@@ -1,0 +1,1 @@
+"""What accuracy costs: work-precision studies behind `granfabric cost`."""

@@ -1,0 +1,26 @@
+"""All studies, in the order in which they are computed."""
+
+from __future__ import annotations
+
+from ..errors import InputError, unknown
+from . import arcs, integrators, load_steps, mesh, tangents
+from .study import Study
+
+STUDIES: dict[str, Study] = {
+    study.name: study for study in (integrators.STUDY, arcs.STUDY, tangents.STUDY, mesh.STUDY, load_steps.STUDY)
+}
+
+
+def chosen(name: str | None) -> list[Study]:
+    """The named study, or all.
+
+    Raises
+    ------
+    InputError
+        If there is no study of that name.
+    """
+    if name is None:
+        return list(STUDIES.values())
+    if name not in STUDIES:
+        raise InputError(unknown("the study", name, STUDIES))
+    return [STUDIES[name]]
