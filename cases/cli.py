@@ -110,6 +110,22 @@ def verify(
 
 
 @app.command()
+def cost(
+    study: Annotated[Optional[str], typer.Argument(metavar="[STUDY]", help="One study; all if not given.")] = None,  # noqa: UP045
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", metavar="DIR", help="Result folder; studies in it that are not asked for stay."),
+    ] = Path("results/cost"),
+    quick: Annotated[bool, typer.Option("--quick", help="Few and small settings, for a first look.")] = False,
+) -> None:
+    """Measure what accuracy costs in time: tables, work-precision pictures, one page."""
+    from .cost.command import run_cost
+    from .screen import Screen
+
+    _exit(run_cost(study, output, Screen(), quick).outcome)
+
+
+@app.command()
 def scenes(
     name: Annotated[Optional[str], typer.Argument(metavar="[NAME]", help="Show the text of this scene.")] = None,  # noqa: UP045
     copy: Annotated[
