@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dem_ref.distribution import force_distribution
 from dem_ref.events import NetworkChange, match_contacts, network_change
-from dem_ref.legs import axial_stress_ratio, biaxial_leg, stress_invariants, stress_leg
+from dem_ref.legs import Leg, axial_stress_ratio, biaxial_leg, stress_invariants, stress_leg
 from dem_ref.measure import Contacts, contacts_of, force_harmonics, love_weber_stress
 from dem_ref.motion import Motion
 from dem_ref.sample import Sample
@@ -283,6 +283,6 @@ def loading_loop(sample: Sample, stress_ratio: float = 0.2, limits: RateLimits |
     return LoopResult(loaded, current, ratio, opened / unit, scatter / unit, shear_strain)
 
 
-def _follow(motion: Motion, leg, limits: RateLimits | None) -> None:  # type: ignore[no-untyped-def]
+def _follow(motion: Motion, leg: Leg, limits: RateLimits | None) -> None:
     if not Loading(motion, leg, limits).run(5_000_000):
         raise ProbeError("the loading did not reach the stress ratio asked for")
