@@ -10,10 +10,18 @@ from typing import Any
 
 
 class StopWish:
-    """Becomes true at the first Ctrl-C; the second one interrupts at once."""
+    """Becomes true at the first Ctrl-C; the second one interrupts at once, unless something would be lost by it.
+
+    Attributes
+    ----------
+    wished : bool
+    shielded : bool
+        While set, no Ctrl-C interrupts: what was computed is in memory only, and writing it takes a moment.
+    """
 
     def __init__(self, announce: Callable[[], None]) -> None:
         self.wished = False
+        self.shielded = False
         self._announce = announce
 
     def __call__(self) -> bool:
@@ -22,6 +30,8 @@ class StopWish:
 
     def _on_signal(self, number: int, frame: Any) -> None:
         if self.wished:
+            if self.shielded:
+                return
             raise KeyboardInterrupt
         self.wished = True
         self._announce()

@@ -53,7 +53,7 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
     InputError
         If the scene is of another kind or the folder cannot be used; then nothing was written.
     RunError
-        If the run broke off within a step.
+        If the run broke off within the first step; later interruptions wait for its files.
     """
     scene = loaded.scene
     loaded.require("point")
@@ -63,34 +63,37 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
     record = Record(folder, loaded.name, resolved(loaded, effects))
     record.write()
     total = sum(leg.increments for leg in legs)
-    with (
-        watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
-        stop_wish(screen.announce_stop) as stop,
-        screen.progress(loaded.name, total) as advance,
-        record.phase("path"),
-    ):
+    with stop_wish(screen.announce_stop) as stop:
+        with (
+            watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
+            screen.progress(loaded.name, total) as advance,
+            record.phase("path"),
+        ):
 
-        def on_step(done: int, of: int) -> None:
-            advance(done, f"step {done} of {of}")
+            def on_step(done: int, of: int) -> None:
+                # From now on there is a history to lose. Steps are short once the kernels are compiled.
+                stop.shielded = True
+                advance(done, f"step {done} of {of}")
 
-        try:
-            history = drive(law, scene.initial.stress, legs, on_step=on_step, stop=stop)
-        except KeyboardInterrupt as error:
-            raise record.broken_off("interrupted within a step") from error
-    record.timing["compilation"] = watch.seconds
-    record.timing["path"] -= watch.seconds
-    names = list(history.columns)
-    rows = list(zip(*(history.columns[name].tolist() for name in names)))
-    files.write_text(folder / files.HISTORY, files.csv_text(names, rows))
-    record.details["steps"] = len(rows) - 1
-    record.outcome = "finished" if history.finished else "stopped" if stop.wished else "failed"
-    record.message = history.message
+            try:
+                history = drive(law, scene.initial.stress, legs, on_step=on_step, stop=stop)
+            except KeyboardInterrupt as error:
+                raise record.broken_off("interrupted within the first step") from error
+        record.timing["compilation"] = watch.seconds
+        record.timing["path"] -= watch.seconds
+        names = list(history.columns)
+        rows = list(zip(*(history.columns[name].tolist() for name in names)))
+        files.write_text(folder / files.HISTORY, files.csv_text(names, rows))
+        record.details["steps"] = len(rows) - 1
+        record.outcome = "finished" if history.finished else "stopped" if stop.wished else "failed"
+        record.message = history.message
+        record.write()
     if scene.output.pictures:
         from .plots import draw
 
         with record.phase("pictures"):
             draw(folder, record.scene)
-    record.write()
+        record.write()
     _report(history, record, screen)
     return record
 

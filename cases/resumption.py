@@ -37,11 +37,10 @@ def identity(scene: dict[str, Any], digest: str | None) -> str:
 
 
 def _leaves(table: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
-    entries = table.items() if isinstance(table, dict) else enumerate(table) if isinstance(table, list) else None
-    if not entries:
+    if not isinstance(table, (dict, list)) or not table:
         yield ".".join(keys), table
         return
-    for key, value in entries:
+    for key, value in table.items() if isinstance(table, dict) else enumerate(table):
         yield from _leaves(value, (*keys, str(key)))
 
 

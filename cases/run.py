@@ -190,7 +190,6 @@ def run_field(
             files.prepare_output(folder)
             record.write()
         else:
-            files.remove_unfinished(folder)
             record.details["resumed_after_step"] = resumed.result.step
         waited = _compile(kernels, watch, stop, loaded.scene.output.pictures)
         with (
@@ -202,6 +201,7 @@ def run_field(
                 recorder = FieldRecorder(
                     folder, problem, history, loaded.scene.output.every, advance, checkpoints, resumed
                 )
+                files.remove_unfinished(folder)
                 record.write()
                 summary = solve(
                     problem,
@@ -220,12 +220,13 @@ def run_field(
         if summary.failed_point is not None and record.outcome == "failed":
             write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
         record.timing["compilation"] = watch.seconds + waited
+        record.write()
         if loaded.scene.output.pictures:
             from .plots import draw
 
             with record.phase("pictures"):
                 draw(folder, record.scene)
-        record.write()
+            record.write()
         if record.outcome == "finished":
             checkpoints.remove()
     _report(history, summary, record, screen)

@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 
 from cases import files
 from cases.screen import Screen
+from constitutive.law import ContactLaw
 
 COLUMNS = [
     *("step", "strain_xx", "strain_yy", "strain_xy", "stress_xx", "stress_yy", "stress_xy", "p", "q"),
@@ -237,10 +238,32 @@ def test_interruption_leaves_what_was_computed(
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_a_second_interruption_ends_at_once(
+def test_impatience_does_not_lose_the_history(
     granfabric: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Screen, "progress", lambda self, what, total: _interrupting(5, 2))
+    monkeypatch.setattr(Screen, "progress", lambda self, what, total: _interrupting(5, 3))
+    write = files.write_text
+
+    def interrupted(path: Path, text: str) -> None:
+        if path.name == "history.csv":
+            signal.raise_signal(signal.SIGINT)
+        write(path, text)
+
+    monkeypatch.setattr(files, "write_text", interrupted)
+    result = granfabric("point", "p_constant", "-o", tmp_path, *NO_PICTURES)
+    assert result.code == 1
+    assert record(tmp_path)["outcome"] == "stopped"
+    assert history(tmp_path)["step"].tolist() == [0, 1, 2, 3, 4, 5]
+
+
+def test_two_interruptions_before_the_first_step_is_done_end_at_once(
+    granfabric: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def update(*arguments: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(ContactLaw, "update_mixed", update)
     result = granfabric("point", "p_constant", "-o", tmp_path)
     assert result.code == 1 and "interrupted" in result.err
     assert record(tmp_path)["outcome"] == "stopped"
