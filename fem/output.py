@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
@@ -155,8 +156,12 @@ class FieldWriter:
         ------
         OutputError
         """
-        at_points = {**point_fields(result, self._description), **(extra_fields or {})}
-        at_nodes = {name: self._projection(values) for name, values in at_points.items()}
+        extra = extra_fields or {}
+        at_points = {**point_fields(result, self._description), **extra}
+        # Projected before it is padded: less than half of the columns.
+        projected = {name: self._projection(getattr(result, name)) for name in ("stress", "strain", "state")}
+        at_nodes = point_fields(replace(result, **projected), self._description)
+        at_nodes |= {name: self._projection(values) for name, values in extra.items()}
         at_nodes["displacement"] = padded_vector(result.displacement.reshape(-1, 2))
         at_points["status"] = result.status.astype(np.int32)
         at_points["displacement"] = padded_vector(self._space.interpolate(result.displacement.reshape(-1, 2)))
