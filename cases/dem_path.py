@@ -55,7 +55,7 @@ class _Stress:
         size = hypot(*self.ratio)
         if size < 1e-9:
             return 0.0, self.direction
-        return size, 0.5 * degrees(atan2(self.ratio[1], self.ratio[0]))
+        return size, 0.5 * degrees(atan2(self.ratio[1], self.ratio[0])) % 180.0
 
 
 def _driven(leg: DemLeg, stress: _Stress) -> list[Segment]:

@@ -67,7 +67,7 @@ def _decomposition(path: Path, study: Study) -> Path:
                 if len(values) > 1:
                     colour = options["color"]
                     axes.fill_between(x, mean - scatter, mean + scatter, color=colour, alpha=0.18, linewidth=0)
-            axes.set(title=text[0].upper() + text[1:], xlabel="stress ratio $q/p$ [-]", xlim=(0.0, float(x[-1])))
+            axes.set(title=text[0].upper() + text[1:], xlabel="stress ratio $q/p$ [-]", xlim=(0.0, 1.02 * float(x[-1])))
         figure.axes[0].set_ylabel("change of fabric anisotropy $a_c$ [-]")
         figure.axes[0].legend()
         figure.suptitle(_title("DEM: who changes the fabric anisotropy", study), x=0.01, ha="left", fontsize=13)

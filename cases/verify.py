@@ -114,8 +114,11 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen) -> Reco
     with watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch, stop_wish(screen.announce_stop) as stop:
         try:
             results = _judge(folder / STORE, particles, numbers, record, screen, stop)
+            compiled = watch.seconds
+            record.timing["dem"] -= compiled
             with record.phase("model"):
                 study = evaluate(results)
+            record.timing["model"] -= watch.seconds - compiled
         except Stopped:
             record.outcome = "stopped"
             record.message = "stopped; the same command goes on from here"
@@ -231,7 +234,8 @@ def _report(study: Study | None, record: Record, screen: Screen) -> None:
         computed = record.details["dem_computed_now"]
         read = len(study.results) - len(computed)
         screen.say(
-            f"packings of {record.scene['particles']} disks: {len(computed)} computed, {read} read; DEM {dem:.1f} s, model {study.seconds['model']:.3f} s, compilation {record.timing['compilation']:.1f} s"
+            f"packings of {record.scene['particles']} disks: {len(computed)} computed, {read} read; DEM {dem:.1f} s, "
+            f"model {study.seconds['model']:.3f} s, compilation {record.timing['compilation']:.1f} s"
         )
     if record.outcome != "finished":
         screen.say(f"{record.outcome}: {record.message}")

@@ -108,6 +108,7 @@ def summary(study: Study) -> str:
     results = study.results
     count = len(results)
     particles = results[0].packing.count
+    seeds = "seed 1" if count == 1 else f"seeds 1 to {count}"
     voids = [result.packing.void_ratio for result in results]
     yardstick = (
         f"± is the standard deviation between the {count} packings; in the table of the largest errors the number in "
@@ -117,7 +118,7 @@ def summary(study: Study) -> str:
     )
     sections = [
         "# Point law against DEM",
-        f"{count} packing{'s' if count > 1 else ''} of {particles} disks (seeds 1 to {count}), void ratio "
+        f"{count} packing{'s' if count > 1 else ''} of {particles} disks ({seeds}), void ratio "
         f"{np.mean(voids):.4f}, kn/p = 1e4, kt = kn, friction 0.5; biaxial compression at constant mean pressure and "
         "at constant lateral stress. Each packing's measured inputs went into the model; nothing was fitted to the "
         "curves. The coordination number counts all disks. Errors are model minus DEM, averaged over the packings. "
