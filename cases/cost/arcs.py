@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 
-from constitutive.parameters import Closure, Distribution, Integration, Integrator
+from constitutive.parameters import Closure, Integration, Integrator
 
-from .batch import PATH_STRAIN, distance, follow, initial_state, law_of, make_batch, rate_evaluations
+from .batch import PATH_STRAIN, End, distance, follow, initial_state, law_of, make_batch, rate_evaluations
 from .clock import best_of
 from .draw import work_precision
 from .front import cheapest, mark_fronts
@@ -24,14 +23,26 @@ DIRECTIONS = (4, 8, 16, 32, 64, 128)
 REFERENCE_DIRECTIONS = 256
 ROUNDING = 1e-14
 """Smaller errors are raised to this: what is left are roundings of 64 evaluations."""
-ARCS = 2
-"""One arc of loss and one of gain, each with its own Gauss points."""
+ENOUGH = 1e-10
+"""Below any tolerance that the integration in time is given in practice."""
+DEFAULT_DIRECTIONS = Integration().directions
+CLOSURES = {
+    "harmonic": Closure(distribution="harmonic"),
+    "maximum_entropy": Closure(distribution="maximum_entropy"),
+    "shifted_distribution": Closure(force_change="shifted_distribution"),
+}
+RULES = {"harmonic": 2, "maximum_entropy": 2, "shifted_distribution": 1}
+"""One arc of loss and one of gain, each with its own Gauss points; or equally spaced directions over the circle."""
 
 AXES = Axes(
     error="largest error of $\\sigma/p$, $z$, $a_c$ [-]",
     seconds="processor time per point and path [s]",
     count="evaluations of the integrand per point and path (closed form: 1 each time)",
-    facet_titles={"harmonic": "harmonic distribution", "maximum_entropy": "maximum-entropy distribution"},
+    facet_titles={
+        "harmonic": "mean field, harmonic distribution",
+        "maximum_entropy": "mean field, maximum-entropy distribution",
+        "shifted_distribution": "shifted distribution of weak forces",
+    },
 )
 
 
@@ -43,47 +54,44 @@ def _integration(directions: int) -> Integration:
 
 
 def rows(effort: Effort) -> list[Row]:
-    """Both distributions, all numbers of directions; see `Study.rows`."""
-    batch = make_batch(16 if effort.quick else 256)
-    points, start = len(batch.stress), initial_state(law_of(_integration(0)), batch)
+    """Both distributions and the shifted one, all numbers of directions; see `Study.rows`."""
+    batch = make_batch(16 if effort.quick else 64)
+    points = len(batch.stress)
     directions = DIRECTIONS[1:4] if effort.quick else DIRECTIONS
-    plan = [
-        (distribution, number)
-        for distribution in get_args(Distribution)
-        for number in ((0,) if distribution == "harmonic" else ()) + directions
-    ]
+    plan = [(name, number) for name in CLOSURES for number in ((0,) if name == "harmonic" else ()) + directions]
     total = len(plan) * (effort.rounds + 1)
-    closures = {name: Closure(distribution=name) for name in get_args(Distribution)}
-    references = {
-        name: follow(law_of(_integration(REFERENCE_DIRECTIONS), closure), batch, start, 1)
-        for name, closure in closures.items()
-    }
+
+    def path(name: str, number: int) -> Callable[[], End]:
+        law = law_of(_integration(number), CLOSURES[name])
+        return partial(follow, law, batch, initial_state(law, batch), 1)
+
+    references = {name: path(name, REFERENCE_DIRECTIONS)() for name in CLOSURES}
     for name, end in references.items():
         if end.failed:
             raise StudyError(f"{end.failed} of {points} points cannot follow their reference path with {name}")
-    apart = distance(references["maximum_entropy"], references["harmonic"])
     table: list[Row] = []
-    for place, (distribution, number) in enumerate(plan):
-        effort.advance(place, total, f"{distribution}, {number or 'no'} directions")
-        end = follow(law_of(_integration(number), closures[distribution]), batch, start, 1)
-        errors = np.maximum(distance(end, references[distribution]), ROUNDING)
+    calls = [path(name, number) for name, number in plan]
+    for place, ((name, number), call) in enumerate(zip(plan, calls)):
+        effort.advance(place, total, f"{name}, {number or 'no'} directions")
+        end = call()
+        errors = np.maximum(distance(end, references[name]), ROUNDING)
         evaluations = rate_evaluations(end, INTEGRATOR) / points
+        series = "equally spaced directions" if name == "shifted_distribution" else "Gauss points on each arc"
         table.append(
             {
-                "facet": distribution,
-                "series": "Gauss points on each arc" if number else "closed form",
+                "facet": name,
+                "series": series if number else "closed form",
                 "setting": f"{number} directions" if number else "closed form",
                 "error": float(errors.max()) if not end.failed else float("nan"),
                 "seconds": 0.0,
-                "count": evaluations * (ARCS * number if number else 1),
+                "count": evaluations * max(1, RULES[name] * number),
                 "directions": number,
                 "rate_evaluations": evaluations,
                 "error_median": float(np.median(errors)),
-                "distance_of_distributions": float(apart.max()),
+                "distance_from_harmonic": float(distance(references[name], references["harmonic"]).max()),
                 "failed_points": end.failed,
             }
         )
-    calls = [partial(follow, law_of(_integration(number), closures[name]), batch, start, 1) for name, number in plan]
     times = best_of(calls, effort.rounds, lambda done: effort.advance(len(plan) + done, total, "timing"))
     for row, seconds in zip(table, times):
         row["seconds"] = seconds / points
@@ -93,55 +101,58 @@ def rows(effort: Effort) -> list[Row]:
 
 def draw(path: Path, table: Sequence[Row]) -> None:
     """The work-precision picture of the arcs."""
-    work_precision(path, "Integrals over the arcs of loss and gain, strain path of $10^{-4}$", AXES, table)
+    work_precision(path, "Integrals over directions, strain path of $10^{-4}$", AXES, table)
 
 
 def findings(table: Sequence[Row]) -> list[str]:
     """What the numbers say."""
     said = []
-    closed = next((row for row in table if row["directions"] == 0), None)
-    for distribution in get_args(Distribution):
-        members = [row for row in table if row["facet"] == distribution and row["directions"]]
-        best = cheapest(members, 1e-10, "count")
+    by_place = {(row["facet"], row["directions"]): row for row in table}
+    closed = by_place.get(("harmonic", 0))
+    for name, title in AXES.facet_titles.items():
+        members = [row for row in table if row["facet"] == name and row["directions"]]
+        best = cheapest(members, ENOUGH, "count")
         if best is not None:
+            text = f"{title[0].upper()}{title[1:]}: {best['directions']} directions leave an error of "
+            said.append(f"{text}{best['error']:.1e}" + (" or less." if best["error"] <= ROUNDING else "."))
+        default = by_place.get((name, DEFAULT_DIRECTIONS))
+        if closed is not None and default is not None:
             said.append(
-                f"{distribution.replace('_', ' ').capitalize()}: {best['directions']} Gauss points an arc leave an "
-                f"error of {best['error']:.1e}, below any tolerance of the integration in time."
+                f"{title[0].upper()}{title[1:]}: {DEFAULT_DIRECTIONS} directions (the default) take "
+                f"{default['seconds'] / closed['seconds']:.3g} times the time of the harmonic closed form."
             )
-    shared = {row["directions"]: row for row in table if row["facet"] == "harmonic"}
-    other = {row["directions"]: row for row in table if row["facet"] == "maximum_entropy"}
-    if closed is not None and 32 in shared and 32 in other:
-        said.append(
-            f"The closed form costs {closed['seconds'] / shared[32]['seconds']:.2g} of the time of 32 Gauss points; "
-            f"maximum entropy with 32 points takes {other[32]['seconds'] / closed['seconds']:.3g} times the time of "
-            "the harmonic closed form."
-        )
-    if table:
-        said.append(
-            f"The two distributions are up to {table[0]['distance_of_distributions']:.2g} apart at the end of the "
-            "paths: a difference of the model, not an error of either."
-        )
+    for name in ("maximum_entropy", "shifted_distribution"):
+        some = next((row for row in table if row["facet"] == name), None)
+        if some is not None:
+            said.append(
+                f"At the end of the paths {AXES.facet_titles[name]} is up to {some['distance_from_harmonic']:.2g} from "
+                "the harmonic mean field: a difference of the model, not an error of either."
+            )
     return said
 
 
 STUDY = Study(
     name="arcs",
-    title="Closed-form arcs against quadrature",
+    title="Closed-form arcs against quadrature, and the closures",
     question="How many directions does the quadrature over the arcs need, and what does the closed form save?",
     knobs=(
-        ("directions", "4 ... 128 Gauss points on each arc, or the closed form (harmonic distribution only)"),
-        ("distribution", "harmonic, maximum entropy"),
+        ("directions", "4 ... 128, or the closed form (harmonic mean field only)"),
+        (
+            "closure",
+            "mean field, harmonic or maximum entropy (Gauss points on each arc); shifted distribution "
+            "(directions equally spaced over the circle)",
+        ),
         ("path", f"strain of {PATH_STRAIN:g} in one increment, {SUBSTEPS} fixed Bogacki-Shampine substeps"),
-        ("points", "256, chosen as for the integrators"),
-        ("reference", f"{REFERENCE_DIRECTIONS} Gauss points on each arc"),
+        ("points", "64, chosen as for the integrators"),
+        ("reference", f"{REFERENCE_DIRECTIONS} directions"),
         ("error", "largest over all points of stress over p, z relative, a_c"),
     ),
     columns=(
         *COMMON_COLUMNS,
-        Column("directions", "Gauss points on each arc, 0 for the closed form"),
+        Column("directions", "on each arc or over the circle, 0 for the closed form"),
         Column("rate_evaluations", "evaluations of the rates per point and path"),
         Column("error_median", "median error of the points"),
-        Column("distance_of_distributions", "largest difference of the two references: of the models, not an error"),
+        Column("distance_from_harmonic", "largest difference of the references: of the models, not an error"),
         Column("failed_points", "points that the law refused"),
     ),
     rows=rows,

@@ -1,0 +1,264 @@
+"""`granfabric cost`: arithmetic of fronts, what each study must find, files, and that nothing finished is lost."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from cases import files
+from cases.cost import clock, command
+from cases.cost.batch import PATH_STRAIN, End, distance, make_batch
+from cases.cost.catalogue import STUDIES
+from cases.cost.clock import best_of
+from cases.cost.front import cheapest, mark_fronts, on_front, slope
+from cases.cost.integrators import observed_order
+from cases.cost.load_steps import QUANTITIES
+from cases.cost.load_steps import order as load_step_order
+from cases.cost.mesh import order as mesh_order
+from cases.cost.study import Effort, StudyError
+from cases.errors import RunError
+from cases.screen import Screen
+
+
+def silent_screen() -> tuple[Screen, io.StringIO]:
+    text = io.StringIO()
+    return Screen(Console(file=text, width=200)), text
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All studies, quick."""
+    place = tmp_path_factory.mktemp("cost")
+    assert command.run_cost(None, place, silent_screen()[0], quick=True).outcome == "finished"
+    return place
+
+
+@pytest.fixture(scope="module")
+def tables(folder: Path) -> dict[str, list[dict]]:
+    record = json.loads((folder / "cost.json").read_text())
+    return {name: entry["rows"] for name, entry in record["studies"].items()}
+
+
+# fronts
+
+
+def test_front_of_a_known_set() -> None:
+    #             front  dominated  front  equal to the first  failed
+    costs = [1.0, 2.0, 3.0, 1.0, 0.5]
+    errors = [0.1, 0.1, 0.01, 0.1, math.nan]
+    assert on_front(costs, errors).tolist() == [True, False, True, True, False]
+
+
+@given(st.lists(st.tuples(st.integers(1, 6), st.integers(1, 6)), min_size=1, max_size=30))
+def test_front_is_what_nothing_dominates(points: list[tuple[int, int]]) -> None:
+    front = on_front(*zip(*points))
+
+    def dominates(a: tuple[int, int], b: tuple[int, int]) -> bool:
+        return a[0] <= b[0] and a[1] <= b[1] and a != b
+
+    for point, member in zip(points, front):
+        above = [other for other, fine in zip(points, front) if fine and dominates(other, point)]
+        assert bool(above) != bool(member)  # whoever is not on the front is dominated by someone who is
+
+
+def test_fronts_are_marked_within_a_facet_for_time_and_count() -> None:
+    rows = [
+        {"facet": "a", "error": 1.0, "seconds": 1.0, "count": 9},
+        {"facet": "a", "error": 2.0, "seconds": 2.0, "count": 1},
+        {"facet": "b", "error": 3.0, "seconds": 3.0, "count": 9},
+    ]
+    mark_fronts(rows)
+    assert [row["on_front"] for row in rows] == [1, 0, 1]
+    assert [row["on_front_by_count"] for row in rows] == [1, 1, 1]
+
+
+def test_slope_of_a_power_law_and_of_nothing() -> None:
+    x = np.array([1.0, 2.0, 4.0, 8.0])
+    assert slope(x, 3.0 * x**-2.5) == pytest.approx(-2.5, abs=1e-12)
+    assert slope([*x, 16.0], [*(3.0 * x**-2.5), math.nan]) == pytest.approx(-2.5, abs=1e-12)
+    assert math.isnan(slope([1.0], [1.0]))
+
+
+def test_cheapest_that_is_accurate_enough() -> None:
+    rows = [{"error": 0.1, "seconds": 1.0}, {"error": 0.01, "seconds": 3.0}, {"error": 0.001, "seconds": 2.0}]
+    assert cheapest(rows, 0.05) is rows[2]
+    assert cheapest(rows, 1.0) is rows[0]
+    assert cheapest(rows, 1e-9) is None
+
+
+def test_best_of_takes_the_least_time_a_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr(clock.time, "process_time", lambda: now[0])
+    durations = iter([0.5, 0.3, 0.4])
+
+    def uneven() -> None:
+        now[0] += next(durations)
+
+    def long() -> None:
+        now[0] += 2.0
+        made.append("long")
+
+    def short() -> None:
+        now[0] += 1e-3
+
+    made: list[str] = []
+    ticks: list[int] = []
+    assert best_of([uneven, long, short], 3, ticks.append) == pytest.approx([0.3, 2.0, 1e-3])
+    assert made == ["long"]  # averages by itself
+    assert ticks == list(range(1, 10))
+
+
+# batches
+
+
+def test_paths_have_the_stated_size_and_contain_unloading() -> None:
+    batch = make_batch(64)
+    size = np.sqrt(batch.strain[:, 0] ** 2 + batch.strain[:, 1] ** 2 + batch.strain[:, 2] ** 2 / 2)
+    np.testing.assert_allclose(size, PATH_STRAIN, rtol=1e-12)
+    assert batch.biaxial.sum() == 16
+    along = (batch.stress[:, 0] - batch.stress[:, 1]) * (batch.strain[:, 0] - batch.strain[:, 1])
+    along += 2 * batch.stress[:, 2] * batch.strain[:, 2]
+    assert (along[~batch.biaxial] > 0).any() and (along[~batch.biaxial] < 0).any()
+
+
+def test_distance_is_the_largest_of_its_parts() -> None:
+    stress = np.array([[-2.0, -2.0, 0.0]])
+    here = End(stress, np.array([4.0]), np.array([[0.1, 0.0]]), 1, 0, 0)
+    assert distance(here, here) == 0.0
+    assert distance(End(stress + 0.2, here.coordination, here.fabric, 1, 0, 0), here) == pytest.approx(0.1)
+    assert distance(End(stress, here.coordination * 1.3, here.fabric, 1, 0, 0), here) == pytest.approx(0.3)
+    assert distance(End(stress, here.coordination, here.fabric + [[0, 0.5]], 1, 0, 0), here) == pytest.approx(0.5)
+
+
+# what the studies must find
+
+
+def test_integrators_converge_with_their_orders(tables: dict) -> None:
+    rows = tables["integrators"]
+    for name, order, margin in (("forward_euler", 1, 0.1), ("modified_euler", 2, 0.15), ("bogacki_shampine", 3, 0.3)):
+        assert observed_order(rows, name, "mean field, 1e-4") == pytest.approx(order, abs=margin), name
+    for name in ("modified_euler", "bogacki_shampine", "dormand_prince"):
+        controlled = [row for row in rows if row["integrator"] == name]
+        # a local tolerance bounds the global error up to the growth along the path, here of order one
+        assert all(row["error"] < 10 * row["tolerance"] for row in controlled), name
+        assert controlled[-1]["error"] < 1e-8
+        stages = {"modified_euler": 2, "bogacki_shampine": 4, "dormand_prince": 7}[name]
+        for row in controlled:
+            assert row["count"] == pytest.approx(stages * (row["substeps"] + row["rejected"]), rel=1e-12)
+
+
+def test_closed_form_is_exact_and_quadrature_converges(tables: dict) -> None:
+    rows = tables["arcs"]
+    closed = [row for row in rows if row["directions"] == 0]
+    assert len(closed) == 1 and closed[0]["error"] <= 1e-12
+    for facet in ("harmonic", "maximum_entropy", "shifted_distribution"):
+        errors = [row["error"] for row in rows if row["facet"] == facet and row["directions"]]
+        assert errors == sorted(errors, reverse=True)
+        assert errors[0] > 1e3 * errors[-1] and errors[-1] < 1e-12  # faster than any power
+
+
+def test_exact_tangent_needs_fewest_iterations_and_kept_factors_save_factorisations(tables: dict) -> None:
+    rows = {(row["tangent_kind"], row["keep_factor"]): row for row in tables["tangents"]}
+    iterations = [rows[kind, 0]["newton_iterations"] for kind in ("propagated", "continuum", "elastic")]
+    assert iterations == sorted(iterations) and iterations[0] < iterations[-1]
+    for kind in ("propagated", "continuum", "elastic"):
+        assert rows[kind, 0]["factorisations"] == rows[kind, 0]["newton_iterations"]
+        assert rows[kind, 1]["factorisations"] < rows[kind, 0]["factorisations"]
+    # Newton's tolerance is 1e-8 of the forces; strains of 1e-4 at kn/p = 1e4 keep it in the means
+    assert max(row["error"] for row in rows.values()) < 1e-7
+
+
+@pytest.mark.parametrize("element", ["P1", "Q1", "P2", "Q2"])
+def test_elements_converge_with_order_p_plus_one(tables: dict, element: str) -> None:
+    assert mesh_order(tables["mesh"], element) == pytest.approx(int(element[1]) + 1, abs=0.15)
+
+
+def test_load_steps_converge_with_order_two(tables: dict) -> None:
+    # strain goes straight within a step: the path is followed by its chords
+    for quantity in QUANTITIES:
+        assert load_step_order(tables["load_steps"], quantity) == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize("name", ["mesh", "arcs"])
+def test_counts_and_errors_repeat(tables: dict, name: str) -> None:
+    with clock.one_thread():
+        again = STUDIES[name].rows(Effort(quick=True, rounds=1))
+    for first, second in zip(tables[name], again, strict=True):
+        assert first["count"] == second["count"]
+        assert first["error"] == pytest.approx(second["error"], rel=1e-6)
+
+
+# files
+
+
+def test_every_study_leaves_table_picture_and_section(folder: Path, is_drawn: Callable[[Path], bool]) -> None:
+    page = (folder / "cost.md").read_text()
+    record = json.loads((folder / "cost.json").read_text())
+    assert list(record["studies"]) == list(STUDIES)
+    for name, study in STUDIES.items():
+        assert list(files.read_csv(folder / f"{name}.csv")) == [column.name for column in study.columns]
+        assert is_drawn(folder / f"{name}.png")
+        assert f"![{study.title}]({name}.png)" in page and study.question in page
+        entry = record["studies"][name]
+        assert entry["findings"] and all(text in page for text in entry["findings"])
+        assert set(entry["columns"]) == {column.name for column in study.columns}
+        for row in entry["rows"]:
+            assert row["seconds"] > 0 and row["count"] > 0
+    assert not list(folder.glob(".granfabric-*"))
+
+
+def test_one_study_is_computed_anew_and_the_others_stay(folder: Path) -> None:
+    before = {name: (folder / f"{name}.csv").read_bytes() for name in STUDIES}
+    screen, text = silent_screen()
+    done = command.run_cost("mesh", folder, screen, quick=True)
+    assert done.studies == ("mesh",)
+    assert "kept from earlier: integrators, arcs, tangents, load_steps" in text.getvalue()
+    for name in STUDIES:
+        if name != "mesh":
+            assert (folder / f"{name}.csv").read_bytes() == before[name]
+    assert list(json.loads((folder / "cost.json").read_text())["studies"]) == list(STUDIES)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, StudyError])
+def test_finished_studies_survive_the_end_of_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: type[BaseException]
+) -> None:
+    def broken(effort: Effort) -> list:
+        raise error("the reference is missing")
+
+    mesh = STUDIES["mesh"]
+    studies = [mesh, type(mesh)(**{**mesh.__dict__, "name": "tangents", "rows": broken})]
+    monkeypatch.setattr(command, "chosen", lambda name: studies)
+    screen, text = silent_screen()
+    if error is StudyError:
+        with pytest.raises(RunError, match="tangents: the reference is missing; finished before: mesh"):
+            command.run_cost(None, tmp_path / "new", screen, quick=True)
+    else:
+        done = command.run_cost(None, tmp_path / "new", screen, quick=True)
+        assert done.outcome == "stopped" and done.studies == ("mesh",)
+        assert "finished: mesh; not computed: tangents" in text.getvalue()
+    names = {file.name for file in (tmp_path / "new").iterdir()}
+    assert names == {"mesh.csv", "mesh.png", "cost.json", "cost.md"}
+
+
+def test_unknown_study_and_foreign_folder_are_refused(granfabric: Callable, tmp_path: Path) -> None:
+    result = granfabric("cost", "integrater", "-o", tmp_path / "new")
+    assert result.code == 2 and "nearest is 'integrators'" in result.err and not (tmp_path / "new").exists()
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("mine")
+    result = granfabric("cost", "mesh", "--quick", "-o", tmp_path / "mine")
+    assert result.code == 2 and "not a result" in result.err
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run.json").write_text('{"program": "granfabric"}')
+    result = granfabric("cost", "mesh", "--quick", "-o", tmp_path / "run")
+    assert result.code == 2 and "another command" in result.err
+    assert [file.name for file in (tmp_path / "run").iterdir()] == ["run.json"]
