@@ -1,16 +1,71 @@
 """Compile the law's kernels ahead of their first use: ``python -m constitutive.warm_up``.
 
-A host that prepares its own part meanwhile finds them in the disk cache.
+A host that prepares its own part meanwhile finds them in the disk cache, and can lend a hand with `compile_late`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from importlib import import_module
+
+import numba
 import numpy as np
+from numba.core.errors import NumbaError
 
 from .compilation import cache_directory
 
 ENTRY_KERNELS = ("integrate.update_points", "integrate.smallest_step_factor")
 """Kernels that the law calls; whatever they call in turn is compiled before them."""
+
+
+LATE_KERNELS = (
+    *(("integrate", "_accept", "wwb"), ("integrate", "_estimate", "wwfb"), ("stage", "_differentiate", "wob")),
+    *(("rates", "_close", "wo"), ("rates", "_differentiate", "wo"), ("rates", "_split", "wo")),
+    *(("rates", "_improve", "wo"), ("quadrature_change", "quadrature_change", "wiibbbww")),
+    *(("contact_change", "_gain", "wb"), ("contact_change", "_loss_by_force_anisotropy", "w")),
+    *(("contact_change", "_loss", "wb"), ("arcs", "_from_series", "wb"), ("arcs", "_second_moments", "w")),
+)
+"""Module, name and argument types of kernels that `update_points` calls, those that it needs last before the others."""
+
+_TYPES = {
+    "w": numba.float64[::1],
+    "o": numba.int64[::1],
+    "b": numba.boolean,
+    "f": numba.float64,
+    "i": numba.int64,
+}
+
+
+def compile_late(go_on: Callable[[], bool]) -> list[str]:
+    """Compile kernels from the end of the list while another process works on it from its beginning.
+
+    What that one has finished is found in the cache. A kernel that does not exist (any more) with these arguments is
+    passed over: it is compiled where it is called.
+
+    Parameters
+    ----------
+    go_on : callable
+        Asked before each kernel.
+
+    Returns
+    -------
+    list of str
+        Kernels that were compiled here, neither found in the cache nor passed over.
+    """
+    done = []
+    for module, name, letters in LATE_KERNELS:
+        if not go_on():
+            break
+        kernel = getattr(import_module(f"constitutive.{module}"), name, None)
+        if kernel is None:
+            continue
+        try:
+            kernel.compile(tuple(_TYPES[letter] for letter in letters))
+        except NumbaError:
+            continue
+        if kernel.stats.cache_misses:
+            done.append(f"{module}.{name}")
+    return done
 
 
 def kernels_cached() -> bool:

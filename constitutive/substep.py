@@ -1,0 +1,163 @@
+"""One substep in every lane: stages, error estimate, acceptance."""
+
+import math
+
+from .compilation import compiled
+from .contract import Status
+from .lanes import (
+    ACCEPT,
+    ADVANCED,
+    ERROR,
+    EXTRAS,
+    FLOOR,
+    KERNEL_OPTIONS,
+    LANES,
+    MEASURE,
+    OUTCOME,
+    RATE,
+    RATES,
+    SLOT_SCALE,
+    STAGE,
+    STEP,
+    SUMS,
+    TRIAL,
+    UNKNOWNS,
+    WORST,
+    L,
+    Y,
+)
+from .runge_kutta import LARGEST_CHANGE, MAX_FACTOR, MIN_FACTOR, SAFETY
+from .stage import stage
+
+LIMITED = int(Status.LIMITED)
+NO_PRESSURE = int(Status.NO_PRESSURE)
+NOT_ADMISSIBLE = int(Status.NOT_ADMISSIBLE)
+
+_NOT_NEGATIVE = 0x7FFFFFFF
+
+
+@compiled(inline="always", **KERNEL_OPTIONS)
+def attempt_substep(w, control, mixed, options, numbers, derivatives, tableau, rule, solver):
+    """All stages of one substep from rows Y, TY over rows STEP; leaves the end in TRIAL, the worst status in WORST."""
+    a, b = tableau[0], tableau[1]
+    stages = b.shape[0]
+    for lane in range(LANES):
+        w[WORST + lane] = 0.0
+    for row in range(1, ADVANCED):
+        for lane in range(LANES):
+            w[STEP + row * L + lane] = w[STEP + lane]
+    for i in range(stages):
+        # a stage that only estimates the error needs no derivatives
+        with_derivatives = derivatives and (b[i] != 0.0 or i < stages - 1)
+        _advance(w, ADVANCED if with_derivatives else UNKNOWNS, i, a[i])
+        stage(w, control, mixed, options, numbers, with_derivatives, rule, solver)
+        keep = STAGE + i * RATES * L
+        for index in range(RATES * L):
+            w[keep + index] = w[RATE + index]
+        for lane in range(LANES):
+            worst, outcome = w[WORST + lane], w[OUTCOME + lane]
+            w[WORST + lane] = worst if worst > outcome else outcome
+    _advance(w, ADVANCED if derivatives else UNKNOWNS, stages, b)
+
+
+@compiled(inline="always", **KERNEL_OPTIONS)
+def _add_scaled(w, target, source, factor, number):
+    """w[target ...] += factor w[source ...]; the mask tells the compiler that no index is negative."""
+    target, source = target & _NOT_NEGATIVE, source & _NOT_NEGATIVE
+    for index in range(number):
+        w[target + index] += factor * w[source + index]
+
+
+@compiled(**KERNEL_OPTIONS)
+def _advance(w, rows, stages, coefficients):
+    """TRIAL = Y + h sum c_m K_m in the first `rows` rows, over the first `stages` stages."""
+    for index in range(rows * L):
+        w[TRIAL + index] = 0.0
+    for m in range(stages):
+        # stages without weight may hold no derivatives
+        if coefficients[m] != 0.0:
+            _add_scaled(w, TRIAL, STAGE + m * RATES * L, coefficients[m], rows * L)
+    for index in range(rows * L):
+        w[TRIAL + index] = w[Y + index] + w[STEP + index] * w[TRIAL + index]
+
+
+@compiled(inline="always", **KERNEL_OPTIONS)
+def _larger_change(change, new, limit):
+    """Larger of the two relative to what a substep may change; NaN wins."""
+    new = abs(new) / limit
+    return change if new <= change else new
+
+
+@compiled(inline="always", **KERNEL_OPTIONS)
+def _larger(measure, error, step, scale):
+    """Larger of the two in units of `scale`; NaN wins."""
+    new = abs(step * error) / scale
+    return measure if new <= measure else new
+
+
+@compiled(**KERNEL_OPTIONS)
+def estimate_error(w, error, tolerance, shifted):
+    """Error of the substep in units of the tolerance (stress relative to p, z relative, a_c absolute); end state."""
+    for index in range(UNKNOWNS * L):
+        w[ERROR + index] = 0.0
+    for m in range(error.shape[0]):
+        _add_scaled(w, ERROR, STAGE + m * RATES * L, error[m], UNKNOWNS * L)
+    for lane in range(LANES):
+        h = w[STEP + lane]
+        p = -0.5 * tolerance * (w[Y + lane] + w[Y + L + lane])
+        measure = _larger(0.0, w[ERROR + lane], h, p)
+        measure = _larger(measure, w[ERROR + L + lane], h, p)
+        measure = _larger(measure, w[ERROR + 2 * L + lane], h, p)
+        measure = _larger(measure, w[ERROR + 3 * L + lane], h, tolerance * w[SLOT_SCALE + lane])
+        measure = _larger(measure, w[ERROR + 4 * L + lane], h, tolerance)
+        measure = _larger(measure, w[ERROR + 5 * L + lane], h, tolerance)
+        start, end = -0.5 * (w[Y + lane] + w[Y + L + lane]), -0.5 * (w[TRIAL + lane] + w[TRIAL + L + lane])
+        change = _larger_change(0.0, end - start, LARGEST_CHANGE * start)
+        growth = w[TRIAL + 3 * L + lane] - w[Y + 3 * L + lane]
+        change = _larger_change(change, growth, LARGEST_CHANGE * w[SLOT_SCALE + lane])
+        change = _larger_change(change, w[TRIAL + 4 * L + lane] - w[Y + 4 * L + lane], LARGEST_CHANGE)
+        change = _larger_change(change, w[TRIAL + 5 * L + lane] - w[Y + 5 * L + lane], LARGEST_CHANGE)
+        # so that the next substep is shorter by this factor, for an estimate of order two
+        change = change * change * change
+        w[MEASURE + lane] = measure if measure > change or change <= 1.0 else change
+        z, a1, a2 = w[TRIAL + 3 * L + lane], w[TRIAL + 4 * L + lane], w[TRIAL + 5 * L + lane]
+        outcome = w[WORST + lane]
+        inside = z > 0.0 and a1 * a1 + a2 * a2 < 4.0
+        admissible = (inside or shifted) and measure < math.inf
+        pressure = end > w[FLOOR + lane]
+        fine = outcome <= LIMITED
+        outcome = outcome if admissible or not fine else float(NOT_ADMISSIBLE)
+        w[WORST + lane] = outcome if pressure or not fine else float(NO_PRESSURE)
+
+
+@compiled()
+def step_factor(measure, error_order):
+    """Factor to the next substep from the error of the last in units of the tolerance."""
+    if measure <= 0.0:
+        return MAX_FACTOR
+    return min(MAX_FACTOR, max(MIN_FACTOR, SAFETY * measure ** (-1.0 / (error_order + 1.0))))
+
+
+@compiled(**KERNEL_OPTIONS)
+def accept_substep(w, b, derivatives):
+    """Move the accepted lanes to the end of their substep."""
+    rows = ADVANCED if derivatives else UNKNOWNS
+    accepted = 0
+    for lane in range(LANES):
+        accepted += 1 if w[ACCEPT + lane] > 0.0 else 0
+    if accepted == LANES:
+        for index in range(rows * L):
+            w[Y + index] = w[TRIAL + index]
+        for m in range(b.shape[0]):
+            kept = (STAGE + (m * RATES + ADVANCED) * L) & _NOT_NEGATIVE
+            for index in range(EXTRAS * L):
+                w[SUMS + index] += w[STEP + index] * b[m] * w[kept + index]
+        return
+    for lane in range(LANES):
+        if w[ACCEPT + lane] > 0.0:
+            for row in range(rows):
+                w[Y + row * L + lane] = w[TRIAL + row * L + lane]
+            for m in range(b.shape[0]):
+                for row in range(EXTRAS):
+                    kept = STAGE + (m * RATES + ADVANCED + row) * L
+                    w[SUMS + row * L + lane] += w[STEP + lane] * b[m] * w[kept + lane]
