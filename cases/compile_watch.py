@@ -31,6 +31,10 @@ class CompileWatch(event.Listener):
             self._announced = True
             self._announce()
 
+    def clock(self) -> float:
+        """Seconds, as of a clock that stands still while compiling."""
+        return time.perf_counter() - self.seconds
+
     def on_start(self, event: Any) -> None:
         """Numba begins to compile a function; a function it calls may follow inside."""
         self.announce()

@@ -16,7 +16,7 @@ from dem_ref.probes import ProbeError
 from dem_ref.sample import Sample, SampleError, load_sample, save_sample
 
 from . import files
-from .compile_watch import watching
+from .compile_watch import CompileWatch, watching
 from .dem_path import PathError, packing_options, run_options
 from .dem_series import DemSeries, history_text
 from .errors import InputError
@@ -26,7 +26,7 @@ from .record import Record, resolved
 from .scene import LoadedScene
 from .screen import Screen, spread
 
-COMPILATION_SECONDS = 30
+COMPILATION_SECONDS = 15
 """Rough time to compile the kernels of the DEM, for the message on first use."""
 
 
@@ -87,9 +87,9 @@ def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = Fa
         stop_wish(screen.announce_stop) as stop,
     ):
         try:
-            sample = _packing(scene, record, screen, stop)
-            _measure(scene, sample, record, screen)
-            run = _load(loaded.name, options, sample, record, screen, stop)
+            sample = _packing(scene, record, screen, stop, watch)
+            _measure(scene, sample, record, screen, watch)
+            run = _load(loaded.name, options, sample, record, screen, stop, watch)
         except _Stopped:
             record.outcome, record.message = "stopped", "stopped while packing"
             run = None
@@ -124,12 +124,12 @@ def _check_resumable(folder: Path, record: Record) -> None:
             )
 
 
-def _packing(scene: Any, record: Record, screen: Screen, stop: StopWish) -> Sample:
+def _packing(scene: Any, record: Record, screen: Screen, stop: StopWish, watch: CompileWatch) -> Sample:
     """The packing, from its file if there is one."""
     path = record.folder / files.PACKING
     if path.is_file():
         return load_sample(path)
-    with screen.progress("packing", 1.0) as advance, record.phase("packing"):
+    with screen.progress("packing", 1.0) as advance, record.phase("packing", watch):
 
         def report(text: str, fraction: float) -> None:
             advance(fraction, text)
@@ -142,7 +142,7 @@ def _packing(scene: Any, record: Record, screen: Screen, stop: StopWish) -> Samp
     return sample
 
 
-def _measure(scene: Any, sample: Sample, record: Record, screen: Screen) -> None:
+def _measure(scene: Any, sample: Sample, record: Record, screen: Screen, watch: CompileWatch) -> None:
     """Measure the inputs of the point law once, to `material.toml`."""
     contacts = contacts_of(sample)
     z = coordination_number(sample, contacts)
@@ -157,7 +157,7 @@ def _measure(scene: Any, sample: Sample, record: Record, screen: Screen) -> None
     path = record.folder / files.MATERIAL
     if path.is_file() or not scene.measure.material:
         return
-    with screen.progress("measuring", 1.0) as advance, record.phase("measuring"):
+    with screen.progress("measuring", 1.0) as advance, record.phase("measuring", watch):
         advance(0.0, "probes and a loop on copies of the packing")
         try:
             measured = measured_inputs(sample, scene.measure.rattlers, scene.measure.loop_stress_ratio)
@@ -169,7 +169,9 @@ def _measure(scene: Any, sample: Sample, record: Record, screen: Screen) -> None
     record.details["material"] = files.MATERIAL
 
 
-def _load(name: str, options: RunOptions, sample: Sample, record: Record, screen: Screen, stop: StopWish) -> DemRun:
+def _load(
+    name: str, options: RunOptions, sample: Sample, record: Record, screen: Screen, stop: StopWish, watch: CompileWatch
+) -> DemRun:
     """Carry the sample along its path, from the checkpoint if there is one."""
     folder, output = record.folder, record.scene["output"]
     checkpoint = folder / files.CHECKPOINT
@@ -182,7 +184,7 @@ def _load(name: str, options: RunOptions, sample: Sample, record: Record, screen
         files.write_text(folder / files.HISTORY, history_text(state))
         series.add(len(state.rows) - 1, state.sample, last=state.finished)
 
-    with screen.progress(name, 1.0) as advance, record.phase("loading"):
+    with screen.progress(name, 1.0) as advance, record.phase("loading", watch):
 
         def progress(state: DemRun) -> None:
             row = state.rows[-1]

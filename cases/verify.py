@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 PARTICLES, SEEDS = 2500, 1
 LEAST_PARTICLES, MOST_PARTICLES, MOST_SEEDS = 200, 200_000, 100
-COMPILATION_SECONDS = 80
+COMPILATION_SECONDS = 60
 LEVELS = np.linspace(0.0, 0.3, 61)
 """Stress ratios q/p at which curves are compared."""
 
@@ -113,12 +113,10 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen) -> Reco
     study = None
     with watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch, stop_wish(screen.announce_stop) as stop:
         try:
-            results = _judge(folder / STORE, particles, numbers, record, screen, stop)
-            compiled = watch.seconds
-            record.timing["dem"] -= compiled
-            with record.phase("model"):
+            with record.phase("dem", watch):
+                results = _judge(DemStore(folder / STORE, particles, watch.clock), numbers, screen, stop)
+            with record.phase("model", watch):
                 study = evaluate(results)
-            record.timing["model"] -= watch.seconds - compiled
         except Stopped:
             record.outcome = "stopped"
             record.message = "stopped; the same command goes on from here"
@@ -136,13 +134,10 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen) -> Reco
     return record
 
 
-def _judge(
-    store_folder: Path, particles: int, seeds: Sequence[int], record: Record, screen: Screen, stop: StopWish
-) -> list[SeedResult]:
+def _judge(store: DemStore, seeds: Sequence[int], screen: Screen, stop: StopWish) -> list[SeedResult]:
     """The DEM's results for all seeds."""
-    store = DemStore(store_folder, particles)
     results = []
-    with screen.progress("DEM", float(len(seeds))) as advance, record.phase("dem"):
+    with screen.progress("DEM", float(len(seeds))) as advance:
         for place, seed in enumerate(seeds):
 
             def report(text: str, fraction: float, place: int = place, seed: int = seed) -> None:

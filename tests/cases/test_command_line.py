@@ -15,7 +15,7 @@ from cases.catalogue import shipped
 def test_help_lists_the_commands(granfabric: Callable) -> None:
     result = granfabric("--help")
     assert result.code == 0
-    for command in ("run", "point", "scenes", "plot"):
+    for command in ("run", "point", "dem", "verify", "scenes", "plot"):
         assert f"  {command} " in result.out
 
 
