@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+import constitutive.warm_up
 import fem.warm_up
 from fem.checkpoint import Checkpoint, CheckpointError, CheckpointFolder
 from fem.control import ControlError, StepControl
@@ -252,10 +253,11 @@ def _last_checkpoint(checkpoints: CheckpointFolder, earlier: dict[str, Any], scr
 
 
 def _compile(kernels: EarlyKernels | None, watch: CompileWatch, stop: Callable[[], bool], pictures: bool) -> float:
-    """Compile the host's kernels while another process compiles the law's; seconds spent waiting for that."""
+    """Share compiling with the other process, then the host's kernels; seconds spent waiting for the other."""
     if kernels is None or not kernels.running:
         return 0.0
     watch.announce()
+    constitutive.warm_up.compile_late(lambda: kernels.running and not stop())
     fem.warm_up.warm_up()
     if pictures:  # imported now, it costs no time later
         import_module("cases.plots_field")

@@ -159,9 +159,12 @@ class FieldWriter:
         extra = extra_fields or {}
         at_points = {**point_fields(result, self._description), **extra}
         # Projected before it is padded: less than half of the columns.
-        projected = {name: self._projection(getattr(result, name)) for name in ("stress", "strain", "state")}
-        at_nodes = point_fields(replace(result, **projected), self._description)
-        at_nodes |= {name: self._projection(values) for name, values in extra.items()}
+        recover = self._projection
+        nodal = replace(
+            result, stress=recover(result.stress), strain=recover(result.strain), state=recover(result.state)
+        )
+        at_nodes = point_fields(nodal, self._description)
+        at_nodes |= {name: recover(values) for name, values in extra.items()}
         at_nodes["displacement"] = padded_vector(result.displacement.reshape(-1, 2))
         at_points["status"] = result.status.astype(np.int32)
         at_points["displacement"] = padded_vector(self._space.interpolate(result.displacement.reshape(-1, 2)))

@@ -67,7 +67,7 @@ class Problem:
             raise LoadError(
                 f"the initial stress must be finite and of shape (3,) or ({space.npoints}, 3), not {stress.shape}"
             )
-        self.initial_stress: Array = np.array(np.broadcast_to(stress, (space.npoints, 3)))
+        self.initial_stress: Array = np.array(np.broadcast_to(stress, (space.npoints, 3)), order="C")
         self.material_index: NDArray[np.int32] | None = None
         if material_index is not None:
             self.material_index = np.ascontiguousarray(material_index, dtype=np.int32)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -14,7 +16,7 @@ from constitutive import compilation, warm_up
 
 
 @pytest.fixture
-def cold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def cold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty disk cache."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     compilation.cache_directory.cache_clear()
@@ -36,6 +38,15 @@ def test_the_cache_is_warm_after_the_kernels_were_used() -> None:
     assert warm_up.kernels_cached()
     with early_kernels.early_kernels() as kernels:
         assert not kernels.running and kernels.wait(lambda: False) < 1.0
+
+
+def test_the_kernels_compiled_beside_it_are_those_that_the_law_calls() -> None:
+    warm_up.warm_up()
+    # With other argument types, or under another name, they would not be in the cache.
+    for module, name, _ in warm_up.LATE_KERNELS:
+        assert hasattr(import_module(f"constitutive.{module}"), name), name
+    assert warm_up.compile_late(lambda: True) == []
+    assert warm_up.compile_late(lambda: False) == []
 
 
 def test_a_process_is_started_only_when_the_cache_is_cold(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:

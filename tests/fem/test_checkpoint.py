@@ -157,3 +157,10 @@ def test_initial_reactions_balance_the_stress_that_is_there(checkpoint):
     np.testing.assert_allclose(start.reactions["top"], (0.0, -2e5), atol=1e-9 * 2e5)
     np.testing.assert_allclose(start.reactions["bottom"], (0.0, 2e5), atol=1e-9 * 2e5)
     assert initial_result(problem("plastic")).reactions["top"] == (0.0, 0.0)
+
+
+def test_initial_arrays_are_in_the_order_of_the_kernels():
+    # Another memory layout would compile every kernel that reads them a second time.
+    for name in PROGRAMMES:
+        made = problem(name)
+        assert made.initial_stress.flags.c_contiguous and made.initial_state.flags.c_contiguous
