@@ -30,6 +30,9 @@ COMPILATION_SECONDS = 15
 """Rough time to compile the kernels of the DEM, for the message on first use."""
 
 
+PHASES = ("packing", "measuring", "loading")
+
+
 class _Stopped(Exception):
     """Ctrl-C between two parts of the packing."""
 
@@ -78,7 +81,7 @@ def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = Fa
         raise loaded.error(["path"], str(error)) from error
     record = Record(folder, loaded.name, resolved(loaded, None))
     if resume:
-        _check_resumable(folder, record)
+        _take_over(folder, record)
     else:
         files.prepare_output(folder)
     record.write()
@@ -111,8 +114,8 @@ def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = Fa
     return record
 
 
-def _check_resumable(folder: Path, record: Record) -> None:
-    """Refuse to go on with a folder that holds no DEM run of the same scene."""
+def _take_over(folder: Path, record: Record) -> None:
+    """Go on with the record of a folder; refuse one that holds no DEM run of the same scene."""
     earlier = files.read_record(folder)
     if earlier is None or earlier.get("kind") != "dem":
         raise InputError(f"{str(folder)!r} holds no DEM run to resume; leave out --resume to begin one")
@@ -122,6 +125,13 @@ def _check_resumable(folder: Path, record: Record) -> None:
                 f"{str(folder)!r} holds a run with another [{section}]; resume it with the same scene and --set, "
                 "or leave out --resume to begin anew"
             )
+    record.started = earlier.get("started", record.started)
+    for phase in PHASES:
+        if phase in earlier.get("timing", {}):
+            record.timing[phase] = earlier["timing"][phase]
+    for entry in ("material", "million_particle_steps_a_second"):
+        if entry in earlier:
+            record.details[entry] = earlier[entry]
 
 
 def _packing(scene: Any, record: Record, screen: Screen, stop: StopWish, watch: CompileWatch) -> Sample:
@@ -177,7 +187,7 @@ def _load(
     checkpoint = folder / files.CHECKPOINT
     resumed = checkpoint.is_file()
     run = DemRun.resume(checkpoint, options) if resumed else DemRun(sample, options)
-    before = run.motion.steps_done
+    before, spent = run.motion.steps_done, record.timing.get("loading", 0.0)
     series = DemSeries(folder, sample.position, output["every"], len(run.rows) - 1 if resumed else -1)
 
     def on_record(state: DemRun) -> None:
@@ -197,10 +207,9 @@ def _load(
     record.message = run.message or ("" if run.finished else "stopped; continue with --resume")
     record.details["dem_steps"] = run.motion.steps_done
     record.details["records"] = len(run.rows)
-    seconds = record.timing["loading"]
-    record.details["million_particle_steps_a_second"] = (
-        (run.motion.steps_done - before) * sample.count / seconds / 1e6 if seconds > 0.0 else 0.0
-    )
+    steps, seconds = run.motion.steps_done - before, record.timing["loading"] - spent
+    if steps > 0 and seconds > 0.0:
+        record.details["million_particle_steps_a_second"] = steps * sample.count / seconds / 1e6
     return run
 
 
@@ -237,9 +246,7 @@ def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
     if record.outcome != "finished":
         screen.say(f"{record.outcome}: {record.message}")
     phases = ", ".join(
-        f"{name} {record.timing[name]:.1f} s"
-        for name in ("packing", "measuring", "loading", "compilation")
-        if name in record.timing
+        f"{name} {record.timing[name]:.1f} s" for name in (*PHASES, "compilation") if name in record.timing
     )
     screen.say(f"{phases}; results in {record.folder}")
 

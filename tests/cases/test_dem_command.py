@@ -157,8 +157,11 @@ def test_an_interrupted_run_resumes_to_the_same_bits(
     for name in compared:
         assert (tmp_path / name).read_bytes() == (finished / name).read_bytes(), name
     # nothing is left to do: the same once more
+    spent = record(tmp_path)["timing"]
     assert granfabric("dem", "dem_biaxial", *SET, *undrawn, "-o", tmp_path, "--resume").code == 0
     assert (tmp_path / "history.csv").read_bytes() == (finished / "history.csv").read_bytes()
+    told = record(tmp_path)
+    assert told["timing"]["packing"] == spent["packing"] and told["million_particle_steps_a_second"] > 0.0
 
 
 def test_a_stop_while_packing_keeps_a_legal_folder(
