@@ -59,23 +59,31 @@ def run(
     from .early_kernels import early_kernels
 
     with early_kernels() as kernels:
+        from . import accuracy
         from .run import run_field
         from .scene import load
         from .screen import Screen
 
-        loaded = load(scene, assignments or [])
-        _exit(run_field(loaded, _folder(output, loaded.name), Screen(), resume, kernels).outcome)
+        loaded, screen = load(scene, assignments or []), Screen()
+        accuracy.announce(loaded, screen)
+        record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels)
+        accuracy.report(loaded, record, screen)
+        _exit(record.outcome)
 
 
 @app.command()
 def point(scene: SceneArgument, output: OutputOption = None, assignments: SetOption = None) -> None:
     """Compute one point along a path of stress or strain."""
+    from . import accuracy
     from .point import run_point
     from .scene import load
     from .screen import Screen
 
-    loaded = load(scene, assignments or [])
-    _exit(run_point(loaded, _folder(output, loaded.name), Screen()).outcome)
+    loaded, screen = load(scene, assignments or []), Screen()
+    accuracy.announce(loaded, screen)
+    record = run_point(loaded, _folder(output, loaded.name), screen)
+    accuracy.report(loaded, record, screen)
+    _exit(record.outcome)
 
 
 @app.command()

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from . import catalogue
+from . import accuracy, catalogue
 from .complaints import sentence
 from .errors import InputError, unknown
 from .material_file import read_material
@@ -47,6 +47,8 @@ class LoadedScene:
         Keys given by `--set`.
     included : dict
         Keys that came from a material file, with that file.
+    accuracy : accuracy.Choice, optional
+        What the scene's `accuracy` made of it, if it has one.
     """
 
     name: str
@@ -54,6 +56,7 @@ class LoadedScene:
     scene: Any
     assigned: tuple[tuple[str, ...], ...] = ()
     included: Origins = field(default_factory=dict)
+    accuracy: accuracy.Choice | None = None
 
     def origin(self, keys: Sequence[Any]) -> str:
         """Where a key was given: the scene file, `--set` or the material file."""
@@ -218,4 +221,5 @@ def load(scene: str, assignments: Sequence[str] = ()) -> LoadedScene:
         if path == ("material_file",):
             included |= _include_material(table, Path(), wins=True)
         assigned.append(path)
-    return LoadedScene(file.stem, file, check(table, file, assigned, included), tuple(assigned), included)
+    choice = accuracy.apply(table)
+    return LoadedScene(file.stem, file, check(table, file, assigned, included), tuple(assigned), included, choice)

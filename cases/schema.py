@@ -18,6 +18,7 @@ from pydantic import Field, create_model, model_validator
 from constitutive.effects import Effects
 from constitutive.parameters import Closure, Integration, Material, ParameterError
 
+from .accuracy import Accuracy
 from .schema_base import Control, Increments, Pair, Positive, Scene, Section, Triple
 from .schema_dem import DemScene
 
@@ -248,6 +249,9 @@ class LawScene(Scene):
 
     material_file: Annotated[str, Field(min_length=1)] | None = Field(
         default=None, description="tables [material] and [closure] as `granfabric dem` measures them"
+    )
+    accuracy: Accuracy | None = Field(
+        default=None, description="chooses integrator, tolerances and directions where the scene leaves them open"
     )
     closure: ClosureSection = ClosureSection()
     effects: EffectsSection = EffectsSection()

@@ -1,0 +1,252 @@
+"""`accuracy` in a scene: one number, or a word, instead of integrator, tolerances and directions.
+
+The settings were read off the fronts that `granfabric cost` measures (studies `integrators` and `arcs`: 512 points,
+strain paths of 1e-4 at kn/p = 1e4 in a single increment; largest error over all points of stress over p, z relative
+and a_c, mean field and shifted distribution, whichever errs more). Bogacki-Shampine 3(2) lies on or next to the front
+everywhere and keeps its word: its largest error was at most 2.6 times its tolerance. Dormand-Prince takes fewer
+evaluations on smooth paths, but where an arc of loss closes within a substep it errs up to 300 times its tolerance.
+Newton's residual adds less than itself to the means (study `tangents`); it gets a hundredth. Load steps
+are not chosen: a single one errs by 4e-6 in the biaxial test (study `load_steps`), but a path that turns needs its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator
+
+from constitutive.parameters import Integrator
+
+from .errors import nearest
+
+FINEST, COARSEST = 1e-8, 1e-2
+FINER = 4
+"""Increments of the run that judges another, for each of its increments."""
+NAMED = {"quick": 1e-3, "standard": 1e-5, "reference": 1e-8}
+
+
+def _check(value: Any) -> Any:
+    if isinstance(value, str) and value not in NAMED:
+        raise ValueError(
+            f"{value!r} is not one of {', '.join(NAMED)}, nor a number in [{FINEST:g}, {COARSEST:g}]; the nearest is "
+            f"{nearest(value, NAMED)!r}"
+        )
+    if not isinstance(value, str) and not (isinstance(value, float) and FINEST <= value <= COARSEST):
+        raise ValueError(f"{value!r} is neither a number in [{FINEST:g}, {COARSEST:g}] nor one of {', '.join(NAMED)}")
+    return value
+
+
+Accuracy = Annotated[float | Literal["quick", "standard", "reference"], BeforeValidator(_check)]
+"""What a scene may say."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Numerics that meet an accuracy, with the error that was measured with them.
+
+    Parameters
+    ----------
+    accuracy : float
+        Largest error that they are meant for.
+    integrator : str
+    tolerance : float
+    directions : int
+        For closures without closed form.
+    solver_tolerance : float
+        Residual of Newton's method over nodal forces.
+    measured : float
+        Largest error of the point law on the paths of the studies, by the integrator or by the directions, whichever
+        errs more.
+    """
+
+    accuracy: float
+    integrator: Integrator
+    tolerance: float
+    directions: int
+    solver_tolerance: float
+    measured: float
+
+
+TABLE = (
+    Settings(1e-2, "bogacki_shampine", 1e-2, 8, 1e-4, 2.2e-3),
+    Settings(1e-3, "bogacki_shampine", 1e-3, 8, 1e-5, 3.1e-4),
+    Settings(1e-4, "bogacki_shampine", 1e-5, 16, 1e-6, 2.6e-5),
+    Settings(1e-5, "bogacki_shampine", 1e-6, 16, 1e-7, 9.3e-7),
+    Settings(1e-6, "bogacki_shampine", 1e-7, 16, 1e-8, 7.3e-8),
+    Settings(1e-8, "bogacki_shampine", 1e-9, 32, 1e-10, 6.0e-10),
+)
+"""Cheapest settings on the measured fronts, coarsest first."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What `accuracy` made of a scene.
+
+    Parameters
+    ----------
+    wanted : float
+    settings : Settings
+    chosen : dict of str to value
+        Keys that were filled in.
+    kept : dict of str to value
+        Keys that the scene set itself, otherwise than `accuracy` would have done; these won.
+    """
+
+    wanted: float
+    settings: Settings
+    chosen: dict[str, Any]
+    kept: dict[str, Any]
+
+    def text(self) -> str:
+        """What was chosen, in one line."""
+        parts = [f"{key} = {value}" for key, value in self.chosen.items()]
+        said = f"accuracy {self.wanted:g}: " + (", ".join(parts) or "nothing left to choose")
+        if self.kept:
+            said += "; kept as the scene sets it: " + ", ".join(f"{key} = {value}" for key, value in self.kept.items())
+        return said
+
+
+def settings_for(wanted: float) -> Settings:
+    """The coarsest row of the table that is at least as accurate as wanted."""
+    fitting = [row for row in TABLE if row.accuracy <= wanted * (1.0 + 1e-12)]
+    return fitting[0] if fitting else TABLE[-1]
+
+
+def apply(table: dict[str, Any]) -> Choice | None:
+    """Fill the keys of a scene's table that `accuracy` decides and the scene leaves open.
+
+    Returns
+    -------
+    Choice or None
+        None if the scene does not ask for an accuracy, or asks for something that the check of the scene refuses.
+    """
+    said = table.get("accuracy")
+    wanted = NAMED.get(said) if isinstance(said, str) else said
+    if not isinstance(wanted, float) or not FINEST <= wanted <= COARSEST or table.get("kind") not in ("point", "field"):
+        return None
+    row = settings_for(wanted)
+    decided: list[tuple[str, str, Any]] = [
+        ("integration", "integrator", row.integrator),
+        ("integration", "tolerance", row.tolerance),
+        ("integration", "directions", row.directions),
+    ]
+    if table["kind"] == "field":
+        decided.append(("solver", "tolerance", row.solver_tolerance))
+    integration = table.get("integration", {})
+    if isinstance(integration, Mapping) and integration.get("substeps"):
+        # a fixed number of substeps is a choice of its own, which has no tolerance
+        decided = [
+            entry for entry in decided if entry[1] not in ("integrator", "tolerance") or entry[0] != "integration"
+        ]
+    chosen: dict[str, Any] = {}
+    kept: dict[str, Any] = {}
+    if isinstance(integration, Mapping) and integration.get("substeps"):
+        kept["integration.substeps"] = integration["substeps"]
+    for section, key, value in decided:
+        own = table.setdefault(section, {})
+        if not isinstance(own, dict):
+            return None
+        if key not in own:
+            own[key] = value
+            chosen[f"{section}.{key}"] = value
+        elif own[key] != value:
+            kept[f"{section}.{key}"] = own[key]
+    return Choice(wanted, row, chosen, kept)
+
+
+def expected(choice: Choice) -> float | None:
+    """Error of the point law measured with the chosen settings; None if the scene overrides one of them."""
+    return None if any(key.startswith("integration.") for key in choice.kept) else choice.settings.measured
+
+
+def achieved(loaded: Any, folder: Path) -> dict[str, float]:
+    """Error of a finished point run against one with a hundredth of the tolerance and shorter increments.
+
+    Shorter increments matter: where one substep an increment suffices, a tighter tolerance alone changes nothing.
+
+    Parameters
+    ----------
+    loaded : LoadedScene
+        Of kind "point".
+    folder : Path
+        Its results.
+
+    Returns
+    -------
+    dict of str to float
+        Largest errors on the path: `stress` over p, `strain` over its largest value, `coordination` relative,
+        `fabric_anisotropy` absolute; and `largest` of these.
+    """
+    from constitutive.law import ContactLaw
+    from constitutive.path import drive
+
+    from . import build, files
+    from .effects_choice import resolve_effects
+    from .point import legs_of
+
+    law = build.law(loaded, resolve_effects(loaded.scene))
+    tighter = replace(
+        law.integration,
+        integrator="bogacki_shampine",
+        tolerance=max(0.01 * min(law.integration.tolerance, 1e-4), 1e-12),
+        substeps=0,
+        directions=max(law.integration.directions, 32),
+    )
+    legs = [replace(leg, increments=FINER * leg.increments) for leg in legs_of(loaded.scene)]
+    fine = drive(
+        ContactLaw(law.materials, law.closure, law.effects, tighter), loaded.scene.initial.stress, legs
+    ).columns
+    exact = {name: values[::FINER] for name, values in fine.items()}
+    found = {name: np.array(values) for name, values in files.read_csv(folder / files.HISTORY).items()}
+    rows = min(len(found["p"]), len(exact["p"]))
+
+    def error(names: tuple[str, ...], scale: Any) -> float:
+        return max(float((np.abs(found[name][:rows] - exact[name][:rows]) / scale).max()) for name in names)
+
+    strains = ("strain_xx", "strain_yy", "strain_xy")
+    largest = max(float(np.abs(exact[name]).max()) for name in strains)
+    errors = {
+        "stress": error(("stress_xx", "stress_yy", "stress_xy"), exact["p"][:rows]),
+        "strain": error(strains, largest) if largest > 0.0 else 0.0,
+        "coordination": error(("coordination",), exact["coordination"][:rows]),
+        "fabric_anisotropy": error(("fabric_anisotropy_1", "fabric_anisotropy_2"), 1.0),
+    }
+    return {**errors, "largest": max(errors.values())}
+
+
+def announce(loaded: Any, screen: Any) -> None:
+    """Say what `accuracy` chose, if the scene asks for it."""
+    if loaded.accuracy is not None:
+        screen.say(loaded.accuracy.text())
+
+
+def report(loaded: Any, record: Any, screen: Any) -> None:
+    """Say and record how accurate a run is: of a point against a tighter run, of a field as measured in the studies."""
+    choice = loaded.accuracy
+    if choice is None or record.outcome != "finished":
+        return
+    entry: dict[str, Any] = {"wanted": choice.wanted, "chosen": choice.chosen, "kept": choice.kept}
+    if loaded.scene.kind == "point":
+        with record.phase("accuracy"):
+            entry["achieved"] = achieved(loaded, record.folder)
+        largest = entry["achieved"]["largest"]
+        verdict = "" if largest <= choice.wanted else f", more than the {choice.wanted:g} that was wanted"
+        screen.say(
+            f"error estimate {largest:.1e}{verdict} (against a run with a hundredth of the tolerance and {FINER} times "
+            f"the increments, {record.timing['accuracy']:.2f} s; the run itself: {record.timing.get('path', 0.0):.2f} s)"
+        )
+    else:
+        entry["expected"] = expected(choice)
+        if entry["expected"] is None:
+            screen.say("error estimate: none, because the scene overrides settings for which the error was measured")
+        else:
+            screen.say(
+                f"error estimate {entry['expected']:.1e} of the point law in each increment (measured by `granfabric "
+                "cost`; mesh and load steps not included)"
+            )
+    record.details["accuracy"] = entry
+    record.write()
