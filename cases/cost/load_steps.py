@@ -77,7 +77,12 @@ def rows(effort: Effort) -> list[Row]:
 
 def draw(path: Path, table: Sequence[Row]) -> None:
     """The work-precision picture of the load steps."""
-    work_precision(path, "Number of load steps of the biaxial test, 1 ... 64", AXES, table, front=False)
+    legend = dict(
+        zip(QUANTITIES, ("stress ratio $q/p$", "coordination number $z$ (relative)", "fabric anisotropy $a_c$"))
+    )
+    steps = [row["load_steps"] for row in table]
+    title = f"Number of load steps of the biaxial test, {min(steps)} ... {max(steps)}"
+    work_precision(path, title, AXES, table, front=False, legend=legend)
 
 
 def order(table: Sequence[Row], quantity: str) -> float:
