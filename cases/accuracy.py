@@ -233,11 +233,11 @@ def report(loaded: Any, record: Any, screen: Any) -> None:
     if loaded.scene.kind == "point":
         with record.phase("accuracy"):
             entry["achieved"] = achieved(loaded, record.folder)
-        largest = entry["achieved"]["largest"]
+        largest, own = entry["achieved"]["largest"], record.timing.get("path", 0.0)
         verdict = "" if largest <= choice.wanted else f", more than the {choice.wanted:g} that was wanted"
         screen.say(
             f"error estimate {largest:.1e}{verdict} (against a run with a hundredth of the tolerance and {FINER} times "
-            f"the increments, {record.timing['accuracy']:.2f} s; the run itself: {record.timing.get('path', 0.0):.2f} s)"
+            f"the increments, {record.timing['accuracy']:.2f} s; the run itself: {own:.2f} s)"
         )
     else:
         entry["expected"] = expected(choice)
