@@ -142,11 +142,12 @@ def _network(axes: Any, sample: Sample) -> LineCollection:
     particles, contacts = particle_fields(sample), contact_fields(sample)
     position, diameter = particles["position"], 2.0 * particles["radius"]
     bearing = particles["bears_force"] > 0
+    outline = 0.3 * min(1.0, 2000.0 / sample.count)  # of many disks the outlines alone would fill the picture
     for mask, face in ((bearing, "#e9edf2"), (~bearing, "#a9d4f0")):
         axes.add_collection(
             EllipseCollection(
                 diameter[mask], diameter[mask], np.zeros(int(mask.sum())), units="x", offsets=position[mask],
-                transOffset=axes.transData, facecolors=face, edgecolors="#b8c0c8", linewidths=0.3,
+                transOffset=axes.transData, facecolors=face, edgecolors="#b8c0c8", linewidths=outline,
             )
         )  # fmt: skip
     force = contacts["normal_force"] / contacts["normal_force"].mean()
