@@ -19,7 +19,7 @@ from . import files
 from .compile_watch import CompileWatch, watching
 from .dem_path import PathError, packing_options, run_options
 from .dem_series import DemSeries, history_text
-from .errors import InputError
+from .errors import InputError, RunError
 from .interruption import StopWish, stop_wish
 from .material_file import material_text
 from .record import Record, resolved
@@ -104,11 +104,15 @@ def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = Fa
         except OSError as error:
             raise record.broken_off(f"results cannot be written any more: {error}") from error
     record.timing["compilation"] = watch.seconds
+    record.write()  # before the pictures: an interruption of theirs does not make the run unfinished
     if run is not None and scene.output.pictures:
         from .plots import draw
 
-        with record.phase("pictures"):
-            draw(folder, record.scene)
+        try:
+            with record.phase("pictures"):
+                draw(folder, record.scene)
+        except KeyboardInterrupt as error:
+            raise RunError(f"interrupted while drawing; `granfabric plot {folder}` makes the pictures") from error
     record.write()
     _report(run, record, screen)
     return record

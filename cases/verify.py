@@ -128,7 +128,10 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen) -> Reco
             raise record.broken_off(f"results cannot be written any more: {error}") from error
     record.timing["compilation"] = watch.seconds
     if study is not None:
-        _write(study, record)
+        try:
+            _write(study, record)
+        except KeyboardInterrupt as error:
+            raise record.broken_off("interrupted while drawing; the same command goes on from here") from error
     record.write()
     _report(study, record, screen)
     return record
@@ -196,9 +199,9 @@ def _write(study: Study, record: Record) -> None:
     files.write_text(folder / "verify.csv", files.csv_text(COLUMNS, [row.row() for row in study.rows]))
     inputs = mean_inputs(study.results)
     files.write_text(folder / files.MATERIAL, material_text(inputs, f"mean of {len(study.results)} packings"))
+    files.write_text(folder / "verify.md", summary(study))
     with record.phase("pictures"):
         draw_verify(folder, study)
-    files.write_text(folder / "verify.md", summary(study))
     record.outcome = "finished"
     record.message = "; ".join(study.messages)
     record.details["inputs"] = inputs

@@ -179,6 +179,27 @@ def test_a_stop_while_packing_keeps_a_legal_folder(
     assert {file.name for file in tmp_path.iterdir()} == {"run.json", "scene.toml"}
 
 
+def test_an_interruption_while_drawing_keeps_the_finished_run(
+    granfabric: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(folder: Path, scene: dict) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cases.plots.draw", interrupted)
+    arguments = (
+        "--set",
+        "packing.particles=100",
+        "--set",
+        "path.0.stress_ratio=0.02",
+        "--set",
+        "measure.material=false",
+    )
+    result = granfabric("dem", "dem_biaxial", *arguments, "-o", tmp_path)
+    assert result.code == 1 and "granfabric plot" in result.err
+    assert record(tmp_path)["outcome"] == "finished"
+    assert not (tmp_path / "material.toml").exists()
+
+
 def test_resuming_something_else_is_refused(finished: Path, granfabric: Callable, tmp_path: Path) -> None:
     before = (finished / "run.json").read_bytes()
     result = granfabric("dem", "dem_biaxial", *SET, "--set", "packing.seed=2", "-o", finished, "--resume")
