@@ -70,6 +70,7 @@ from .lanes import (
     L,
 )
 from .quadrature_change import quadrature_change
+from .rows import copy_rows
 
 _FIXED_POINT_TOLERANCE = 1e-13
 _FIXED_POINT_ITERATIONS = 60
@@ -235,12 +236,12 @@ def _differentiate(w, options):
     loss, gain = options[LOSS] != 0, options[GAIN] != 0
     for i in range(3):
         for row in range(2):
-            _copy(w, ROW_VALUE + row * L, VALUE + (3 * row + i) * L, L)
-            _copy(w, ROW_BY_V + 3 * row * L, BY_V + (9 * row + 3 * i) * L, 3 * L)
-            _copy(w, ROW_BY_A + 2 * row * L, BY_A + (6 * row + 2 * i) * L, 2 * L)
-        _copy(w, ROW_BY_N, BY_N + 2 * i * L, 2 * L)
+            copy_rows(w, ROW_VALUE + row * L, VALUE + (3 * row + i) * L, L)
+            copy_rows(w, ROW_BY_V + 3 * row * L, BY_V + (9 * row + 3 * i) * L, 3 * L)
+            copy_rows(w, ROW_BY_A + 2 * row * L, BY_A + (6 * row + 2 * i) * L, 2 * L)
+        copy_rows(w, ROW_BY_N, BY_N + 2 * i * L, 2 * L)
         _differentiate_row(w)
-        _copy(w, JACOBIAN + i * INPUTS * L, ROW_JACOBIAN, INPUTS * L)
+        copy_rows(w, JACOBIAN + i * INPUTS * L, ROW_JACOBIAN, INPUTS * L)
     for lane in range(LANES):
         # written out: nine short loops would be unrolled before they could become vector code
         _relative_to_state(w, lane, IN_D)
@@ -257,13 +258,6 @@ def _differentiate(w, options):
         w[JACOBIAN + IN_Z * L + lane] += x0
         w[JACOBIAN + (INPUTS + IN_A1) * L + lane] -= x0
         w[JACOBIAN + (2 * INPUTS + IN_A2) * L + lane] -= x0
-
-
-@compiled(inline="always", **KERNEL_OPTIONS)
-def _copy(w, target, source, number):
-    """w[target ...] = w[source ...]."""
-    for index in range(number):
-        w[target + index] = w[source + index]
 
 
 @compiled(**KERNEL_OPTIONS)

@@ -80,6 +80,7 @@ from .lanes import (
 )
 from .mixed_control import solve_mixed
 from .rates import network_rates
+from .rows import copy_rows
 from .stiffness import stress_rate
 from .weak_force_stage import resolve_network, weak_force_rates, weak_force_slopes
 
@@ -187,11 +188,9 @@ def _differentiate(w, options, network):
         o_d = 1.0 if column == 0 else (-1.0 if column == 1 else 0.0)
         o_g = 1.0 if column == 2 else 0.0
         offset = column * UNKNOWNS * L
-        for index in range(UNKNOWNS * L):
-            w[COLUMN_TY + index] = w[TRIAL_TY + offset + index]
+        copy_rows(w, COLUMN_TY, TRIAL_TY + offset, UNKNOWNS * L)
         _column(w, feedback, rotation, network, o_v, o_d, o_g)
-        for index in range(UNKNOWNS * L):
-            w[SLOPE + offset + index] = w[COLUMN_SLOPE + index]
+        copy_rows(w, SLOPE + offset, COLUMN_SLOPE, UNKNOWNS * L)
 
 
 @compiled(**KERNEL_OPTIONS)

@@ -10,6 +10,7 @@ from .lanes import (
     ERROR,
     EXTRAS,
     FLOOR,
+    GAINED,
     KERNEL_OPTIONS,
     LANES,
     MEASURE,
@@ -26,14 +27,13 @@ from .lanes import (
     L,
     Y,
 )
+from .rows import add_scaled, copy_rows
 from .runge_kutta import LARGEST_CHANGE, MAX_FACTOR, MIN_FACTOR, SAFETY
 from .stage import stage
 
 LIMITED = int(Status.LIMITED)
 NO_PRESSURE = int(Status.NO_PRESSURE)
 NOT_ADMISSIBLE = int(Status.NOT_ADMISSIBLE)
-
-_NOT_NEGATIVE = 0x7FFFFFFF
 
 
 @compiled(inline="always", **KERNEL_OPTIONS)
@@ -51,21 +51,11 @@ def attempt_substep(w, control, mixed, options, numbers, derivatives, tableau, r
         with_derivatives = derivatives and (b[i] != 0.0 or i < stages - 1)
         _advance(w, ADVANCED if with_derivatives else UNKNOWNS, i, a[i])
         stage(w, control, mixed, options, numbers, with_derivatives, rule, solver)
-        keep = STAGE + i * RATES * L
-        for index in range(RATES * L):
-            w[keep + index] = w[RATE + index]
+        copy_rows(w, STAGE + i * RATES * L, RATE, RATES * L)
         for lane in range(LANES):
             worst, outcome = w[WORST + lane], w[OUTCOME + lane]
             w[WORST + lane] = worst if worst > outcome else outcome
     _advance(w, ADVANCED if derivatives else UNKNOWNS, stages, b)
-
-
-@compiled(inline="always", **KERNEL_OPTIONS)
-def _add_scaled(w, target, source, factor, number):
-    """w[target ...] += factor w[source ...]; the mask tells the compiler that no index is negative."""
-    target, source = target & _NOT_NEGATIVE, source & _NOT_NEGATIVE
-    for index in range(number):
-        w[target + index] += factor * w[source + index]
 
 
 @compiled(**KERNEL_OPTIONS)
@@ -76,7 +66,7 @@ def _advance(w, rows, stages, coefficients):
     for m in range(stages):
         # stages without weight may hold no derivatives
         if coefficients[m] != 0.0:
-            _add_scaled(w, TRIAL, STAGE + m * RATES * L, coefficients[m], rows * L)
+            add_scaled(w, TRIAL, STAGE + m * RATES * L, coefficients[m], rows * L)
     for index in range(rows * L):
         w[TRIAL + index] = w[Y + index] + w[STEP + index] * w[TRIAL + index]
 
@@ -101,7 +91,7 @@ def estimate_error(w, error, tolerance, shifted):
     for index in range(UNKNOWNS * L):
         w[ERROR + index] = 0.0
     for m in range(error.shape[0]):
-        _add_scaled(w, ERROR, STAGE + m * RATES * L, error[m], UNKNOWNS * L)
+        add_scaled(w, ERROR, STAGE + m * RATES * L, error[m], UNKNOWNS * L)
     for lane in range(LANES):
         h = w[STEP + lane]
         p = -0.5 * tolerance * (w[Y + lane] + w[Y + L + lane])
@@ -138,6 +128,14 @@ def step_factor(measure, error_order):
     return min(MAX_FACTOR, max(MIN_FACTOR, SAFETY * measure ** (-1.0 / (error_order + 1.0))))
 
 
+@compiled(inline="always", **KERNEL_OPTIONS)
+def _add_stepped(w, source, weight):
+    """SUMS += weight h rates of the extras."""
+    copy_rows(w, GAINED, source, EXTRAS * L)
+    for index in range(EXTRAS * L):
+        w[SUMS + index] += w[STEP + index] * weight * w[GAINED + index]
+
+
 @compiled(**KERNEL_OPTIONS)
 def accept_substep(w, b, derivatives):
     """Move the accepted lanes to the end of their substep."""
@@ -149,9 +147,7 @@ def accept_substep(w, b, derivatives):
         for index in range(rows * L):
             w[Y + index] = w[TRIAL + index]
         for m in range(b.shape[0]):
-            kept = (STAGE + (m * RATES + ADVANCED) * L) & _NOT_NEGATIVE
-            for index in range(EXTRAS * L):
-                w[SUMS + index] += w[STEP + index] * b[m] * w[kept + index]
+            _add_stepped(w, STAGE + (m * RATES + ADVANCED) * L, b[m])
         return
     for lane in range(LANES):
         if w[ACCEPT + lane] > 0.0:
