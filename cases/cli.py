@@ -59,30 +59,30 @@ def run(
     from .early_kernels import early_kernels
 
     with early_kernels() as kernels:
-        from . import accuracy
+        from . import accuracy_report
         from .run import run_field
         from .scene import load
         from .screen import Screen
 
         loaded, screen = load(scene, assignments or []), Screen()
-        accuracy.announce(loaded, screen)
+        accuracy_report.announce(loaded, screen)
         record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels)
-        accuracy.report(loaded, record, screen)
+        accuracy_report.report(loaded, record, screen)
         _exit(record.outcome)
 
 
 @app.command()
 def point(scene: SceneArgument, output: OutputOption = None, assignments: SetOption = None) -> None:
     """Compute one point along a path of stress or strain."""
-    from . import accuracy
+    from . import accuracy_report
     from .point import run_point
     from .scene import load
     from .screen import Screen
 
     loaded, screen = load(scene, assignments or []), Screen()
-    accuracy.announce(loaded, screen)
+    accuracy_report.announce(loaded, screen)
     record = run_point(loaded, _folder(output, loaded.name), screen)
-    accuracy.report(loaded, record, screen)
+    accuracy_report.report(loaded, record, screen)
     _exit(record.outcome)
 
 

@@ -217,14 +217,6 @@ def _load(
     return run
 
 
-def finished_run(folder: Path, options: RunOptions) -> DemRun | None:
-    """The run whose checkpoint lies in a folder, as far as it went; None without one that can be read."""
-    try:
-        return DemRun.resume(folder / files.CHECKPOINT, options)
-    except SampleError:
-        return None
-
-
 def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
     if run is not None:
         h = run.history()

@@ -9,10 +9,11 @@ import numpy as np
 from matplotlib.collections import EllipseCollection, LineCollection
 from numpy.typing import NDArray
 
+from dem_ref.biaxial import DemRun, RunOptions
 from dem_ref.distribution import force_distribution
 from dem_ref.fields import contact_fields, particle_fields
 from dem_ref.measure import contacts_of
-from dem_ref.sample import Sample, load_sample
+from dem_ref.sample import Sample, SampleError, load_sample
 from dem_ref.tessellation import gap_distribution
 
 from . import files
@@ -41,7 +42,6 @@ def draw_dem(folder: Path, columns: Columns, scene: dict[str, Any]) -> list[Path
     -------
     list of Path
     """
-    from .dem import finished_run
     from .dem_path import run_options
     from .schema_dem import DemScene
 
@@ -50,6 +50,14 @@ def draw_dem(folder: Path, columns: Columns, scene: dict[str, Any]) -> list[Path
     made = [_overview(folder, columns, scene), _distributions(folder, packing, scene)]
     made.append(_networks(folder, packing, None if run is None else run.sample, columns, scene))
     return made
+
+
+def finished_run(folder: Path, options: RunOptions) -> DemRun | None:
+    """The run whose checkpoint lies in a folder, as far as it went; None without one that can be read."""
+    try:
+        return DemRun.resume(folder / files.CHECKPOINT, options)
+    except SampleError:
+        return None
 
 
 def _horizontal(columns: Columns) -> tuple[NDArray[np.float64], str]:

@@ -18,7 +18,7 @@ from .plots_distribution import draw_force_density, draw_gap_density, draw_small
 from .verify_dem import LOADINGS, SeedResult
 
 if TYPE_CHECKING:
-    from .verify import Study
+    from .verify_study import Study
 
 Array = NDArray[np.float64]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +24,7 @@ from .record import Record
 from .screen import Screen
 from .verify_dem import LOADINGS, STORE, DemStore, SeedResult, Stopped
 from .verify_model import closures, follow
+from .verify_study import Study
 from .verify_table import COLUMNS, TABLE_LEVELS, Comparison, compare, largest_errors
 
 Array = NDArray[np.float64]
@@ -36,40 +36,6 @@ LEVELS = np.linspace(0.0, 0.3, 61)
 """Stress ratios q/p at which curves are compared."""
 
 TITLE = "Point law against DEM"
-
-
-@dataclass(frozen=True)
-class Study:
-    """Both sides at the same stress ratios.
-
-    Attributes
-    ----------
-    levels : ndarray, shape (nlevels,)
-        Stress ratios q/p.
-    dem : dict of dict of ndarray, shape (nseeds, nlevels)
-        By loading and column of the DEM's history; NaN beyond what a run reached.
-    model : dict of dict of dict of ndarray, shape (nseeds, nlevels)
-        By loading, closure and quantity.
-    results : list of SeedResult
-    rows : list of Comparison
-    seconds : dict of str to float
-        Time of the DEM by phase and of the ``model``, over all seeds, without compilation.
-    messages : list of str
-        Where a closure could not go on.
-    """
-
-    levels: Array
-    dem: dict[str, dict[str, Array]]
-    model: dict[str, dict[str, dict[str, Array]]]
-    results: list[SeedResult]
-    rows: list[Comparison]
-    seconds: dict[str, float]
-    messages: list[str]
-
-    @property
-    def closures(self) -> list[str]:
-        """Names of the closures compared."""
-        return list(next(iter(self.model.values())))
 
 
 def run_verify(folder: Path, particles: int, seeds: int, screen: Screen) -> Record:

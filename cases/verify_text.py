@@ -13,7 +13,7 @@ from .verify_model import SOURCE, SOURCE_CLOSED
 from .verify_table import QUANTITIES, TABLE_LEVELS, Comparison, largest_errors
 
 if TYPE_CHECKING:
-    from .verify import Study
+    from .verify_study import Study
 
 NAMES = {
     "coordination": "coordination number z",

@@ -1,0 +1,107 @@
+"""How accurate a run with chosen settings is: said on screen and recorded."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import build, files
+from .accuracy import Choice
+from .effects_choice import resolve_effects
+from .point import legs_of
+
+FINER = 4
+"""Increments of the run that judges another, for each of its increments."""
+
+
+def expected(choice: Choice) -> float | None:
+    """Error of the point law measured with the chosen settings; None if the scene overrides one of them."""
+    return None if any(key.startswith("integration.") for key in choice.kept) else choice.settings.measured
+
+
+def achieved(loaded: Any, folder: Path) -> dict[str, float]:
+    """Error of a finished point run against one with a hundredth of the tolerance and shorter increments.
+
+    Shorter increments matter: where one substep an increment suffices, a tighter tolerance alone changes nothing.
+
+    Parameters
+    ----------
+    loaded : LoadedScene
+        Of kind "point".
+    folder : Path
+        Its results.
+
+    Returns
+    -------
+    dict of str to float
+        Largest errors on the path: `stress` over p, `strain` over its largest value, `coordination` relative,
+        `fabric_anisotropy` absolute; and `largest` of these.
+    """
+    from constitutive.law import ContactLaw
+    from constitutive.path import drive
+
+    law = build.law(loaded, resolve_effects(loaded.scene))
+    tighter = replace(
+        law.integration,
+        integrator="bogacki_shampine",
+        tolerance=max(0.01 * min(law.integration.tolerance, 1e-4), 1e-12),
+        substeps=0,
+        directions=max(law.integration.directions, 32),
+    )
+    legs = [replace(leg, increments=FINER * leg.increments) for leg in legs_of(loaded.scene)]
+    fine = drive(
+        ContactLaw(law.materials, law.closure, law.effects, tighter), loaded.scene.initial.stress, legs
+    ).columns
+    exact = {name: values[::FINER] for name, values in fine.items()}
+    found = {name: np.array(values) for name, values in files.read_csv(folder / files.HISTORY).items()}
+    rows = min(len(found["p"]), len(exact["p"]))
+
+    def error(names: tuple[str, ...], scale: Any) -> float:
+        return max(float((np.abs(found[name][:rows] - exact[name][:rows]) / scale).max()) for name in names)
+
+    strains = ("strain_xx", "strain_yy", "strain_xy")
+    largest = max(float(np.abs(exact[name]).max()) for name in strains)
+    errors = {
+        "stress": error(("stress_xx", "stress_yy", "stress_xy"), exact["p"][:rows]),
+        "strain": error(strains, largest) if largest > 0.0 else 0.0,
+        "coordination": error(("coordination",), exact["coordination"][:rows]),
+        "fabric_anisotropy": error(("fabric_anisotropy_1", "fabric_anisotropy_2"), 1.0),
+    }
+    return {**errors, "largest": max(errors.values())}
+
+
+def announce(loaded: Any, screen: Any) -> None:
+    """Say what `accuracy` chose, if the scene asks for it."""
+    if loaded.accuracy is not None:
+        screen.say(loaded.accuracy.text())
+
+
+def report(loaded: Any, record: Any, screen: Any) -> None:
+    """Say and record how accurate a run is: of a point against a tighter run, of a field as measured in the studies."""
+    choice = loaded.accuracy
+    if choice is None or record.outcome != "finished":
+        return
+    entry: dict[str, Any] = {"wanted": choice.wanted, "chosen": choice.chosen, "kept": choice.kept}
+    if loaded.scene.kind == "point":
+        with record.phase("accuracy"):
+            entry["achieved"] = achieved(loaded, record.folder)
+        largest, own = entry["achieved"]["largest"], record.timing.get("path", 0.0)
+        verdict = "" if largest <= choice.wanted else f", more than the {choice.wanted:g} that was wanted"
+        screen.say(
+            f"error estimate {largest:.1e}{verdict} (against a run with a hundredth of the tolerance and {FINER} times "
+            f"the increments, {record.timing['accuracy']:.2f} s; the run itself: {own:.2f} s)"
+        )
+    else:
+        entry["expected"] = expected(choice)
+        if entry["expected"] is None:
+            screen.say("error estimate: none, because the scene overrides settings for which the error was measured")
+        else:
+            screen.say(
+                f"error estimate {entry['expected']:.1e} of the point law in each increment (measured by `granfabric "
+                "cost`; mesh and load steps not included)"
+            )
+    record.details["accuracy"] = entry
+    record.write()

@@ -1,0 +1,47 @@
+"""Both sides of the comparison at the same stress ratios."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .verify_dem import SeedResult
+from .verify_table import Comparison
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Study:
+    """Both sides at the same stress ratios.
+
+    Attributes
+    ----------
+    levels : ndarray, shape (nlevels,)
+        Stress ratios q/p.
+    dem : dict of dict of ndarray, shape (nseeds, nlevels)
+        By loading and column of the DEM's history; NaN beyond what a run reached.
+    model : dict of dict of dict of ndarray, shape (nseeds, nlevels)
+        By loading, closure and quantity.
+    results : list of SeedResult
+    rows : list of Comparison
+    seconds : dict of str to float
+        Time of the DEM by phase and of the ``model``, over all seeds, without compilation.
+    messages : list of str
+        Where a closure could not go on.
+    """
+
+    levels: Array
+    dem: dict[str, dict[str, Array]]
+    model: dict[str, dict[str, dict[str, Array]]]
+    results: list[SeedResult]
+    rows: list[Comparison]
+    seconds: dict[str, float]
+    messages: list[str]
+
+    @property
+    def closures(self) -> list[str]:
+        """Names of the closures compared."""
+        return list(next(iter(self.model.values())))
