@@ -56,11 +56,11 @@ def main() -> None:
         "von Mises": (VonMisesLaw(VonMisesMaterial(2e8, 0.2, 1e2, 1e6)), NUMBER),
     }
     print(f"{numba.get_num_threads()} thread(s); million points a second")
-    print(f"{'':44s}{'with tangent':>14s}{'without':>10s}{'substeps':>10s}")
+    print(f"{'':58s}{'with tangent':>14s}{'without':>10s}{'substeps':>10s}")
     for name, (which, number) in laws.items():
         with_tangent, substeps = rate(which, True, number)
         without, _ = rate(which, False, number)
-        print(f"{name:44s}{with_tangent:14.2f}{without:10.2f}{substeps:10.2f}", flush=True)
+        print(f"{name:58s}{with_tangent:14.2f}{without:10.2f}{substeps:10.2f}", flush=True)
 
 
 if __name__ == "__main__":
