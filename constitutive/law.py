@@ -84,7 +84,8 @@ class ContactLaw:
                     f"material.force_density_at_zero = {material.force_density_at_zero:g} is not below 1, where the "
                     'self-consistent equations have no solution; choose tangential = "neglected"'
                 )
-        shifted = self.closure.force_change == "shifted_distribution"
+        # a network that cannot change needs no closure
+        shifted = self.closure.force_change == "shifted_distribution" and self.effects.network_changes
         self._variables = state_variables(self.effects, shifted)
         self._micro = micro_of_columns(self._variables)
         self._options = np.array(
