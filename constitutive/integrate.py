@@ -54,6 +54,17 @@ NOT_CONVERGED = int(Status.NOT_CONVERGED)
 TANGENT_NONE, TANGENT_PROPAGATED, TANGENT_CONTINUUM, TANGENT_ELASTIC = range(4)
 
 
+@compiled()
+def _keep_start(point, mixed, stress_start, state_start, stress_end, state_end, strain_increment):
+    """End values of a point at rest or refused: its start values."""
+    for i in range(3):
+        stress_end[point, i] = stress_start[point, i]
+        if mixed:
+            strain_increment[point, i] = 0.0
+    for i in range(state_start.shape[1]):
+        state_end[point, i] = state_start[point, i]
+
+
 @compiled(nogil=True, **KERNEL_OPTIONS)
 def update_points(
     first,
@@ -118,13 +129,7 @@ def update_points(
                 at_rest = given[point, 0] == 0.0 and given[point, 1] == 0.0 and given[point, 2] == 0.0
                 if at_rest or outcome > LIMITED:
                     status[point] = outcome
-                    for i in range(3):
-                        stress_end[point, i] = stress_start[point, i]
-                    for i in range(state_start.shape[1]):
-                        state_end[point, i] = state_start[point, i]
-                    if mixed:
-                        for i in range(3):
-                            strain_increment[point, i] = 0.0
+                    _keep_start(point, mixed, stress_start, state_start, stress_end, state_end, strain_increment)
                     if following >= end:
                         load_idle(w, lane)
                     continue
@@ -185,23 +190,13 @@ def update_points(
             elif status[point] <= LIMITED:
                 continue
             if status[point] > LIMITED:
-                for i in range(3):
-                    stress_end[point, i] = stress_start[point, i]
-                    if mixed:
-                        strain_increment[point, i] = 0.0
-                for i in range(state_start.shape[1]):
-                    state_end[point, i] = state_start[point, i]
+                _keep_start(point, mixed, stress_start, state_start, stress_end, state_end, strain_increment)
             elif last[lane]:
                 if shifted and not network_at_end(
                     w, lane, mixed, lane_control[lane], stress_start, point, numbers, rule, resolved
                 ):
                     status[point] = NOT_CONVERGED
-                    for i in range(3):
-                        stress_end[point, i] = stress_start[point, i]
-                        if mixed:
-                            strain_increment[point, i] = 0.0
-                    for i in range(state_start.shape[1]):
-                        state_end[point, i] = state_start[point, i]
+                    _keep_start(point, mixed, stress_start, state_start, stress_end, state_end, strain_increment)
                     point_of[lane] = -1
                     if following >= end:
                         load_idle(w, lane)

@@ -33,7 +33,6 @@ from .lanes import (
     IN_N2,
     IN_S1,
     IN_S2,
-    IN_Z,
     INPUTS,
     JACOBIAN,
     LANES,
@@ -181,7 +180,6 @@ def weak_force_rates(w, numbers, derivatives):
             w[row + IN_S2 * L] = chi * w[C_N + lane]
             w[row + IN_N2 * L] = chi * d
             w[row + IN_A2 * L] = -chi * d
-            w[JACOBIAN + IN_Z * L + lane] = 0.0
 
 
 @compiled()
