@@ -19,7 +19,7 @@ from fem.stepping import solve
 
 from .. import build
 from ..effects_choice import resolve_effects
-from ..run import stages
+from ..prepare import stages
 from ..scene import load
 from .study import StudyError
 

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from cases.catalogue import shipped
 from cases.errors import InputError, nearest
 from cases.scene import assign, check, load, parse_assignment
-from cases.schema import MODELS, EffectsSection, MaterialSection, json_schema
+from cases.schema import MODELS, json_schema
+from cases.schema_law import EffectsSection, MaterialSection
 from cases.toml_text import to_toml
 from constitutive.effects import Effects
 from constitutive.parameters import Material

@@ -1,0 +1,31 @@
+"""State before any loading."""
+
+from __future__ import annotations
+
+from pydantic import Field, model_validator
+
+from .schema_base import Section, Triple
+
+
+class Initial(Section):
+    """State before any loading."""
+
+    stress: Triple = Field(description="xx, yy, xy [Pa], tension positive")
+
+    @model_validator(mode="after")
+    def _compressive(self) -> Initial:
+        xx, yy, xy = self.stress
+        pressure, deviator = -(xx + yy) / 2, ((xx - yy) ** 2 / 4 + xy**2) ** 0.5
+        if not pressure > deviator:
+            raise ValueError(
+                f"the initial stress has to press in every direction (tension is positive): mean pressure "
+                f"{pressure:g} Pa is not above the deviator {deviator:g} Pa; for a pressure of 100 kPa write "
+                "[-100e3, -100e3, 0.0]"
+            )
+        return self
+
+
+class FieldInitial(Initial):
+    """State before any loading, everywhere."""
+
+    balance: bool = Field(default=False, description="balance the initial stress by constant reference forces")

@@ -1,0 +1,59 @@
+"""Sections of a scene file that the point law declares: names, defaults and bounds exist once, there."""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, fields
+from typing import Any, Literal, get_type_hints
+
+from pydantic import Field, create_model, model_validator
+
+from constitutive.effects import Effects
+from constitutive.parameters import Closure, Integration, Material, ParameterError
+
+from .schema_base import Section
+
+
+def _material_section() -> type[Section]:
+    entries: dict[str, Any] = {}
+    for variable in Material.variables():
+        default = ... if variable.default is None else variable.default
+        text = f"{variable.meaning} [{variable.unit}]"
+        entries[variable.name] = (float, Field(default, ge=variable.lower, le=variable.upper, description=text))
+    return create_model("MaterialSection", __base__=Section, __doc__="One granular material.", **entries)
+
+
+def _declared_section(name: str, declaration: type, text: str) -> type[Section]:
+    """Section with the fields and defaults of a frozen dataclass, which also checks the values."""
+    hints = get_type_hints(declaration)
+    entries: dict[str, Any] = {}
+    for entry in fields(declaration):
+        entries[entry.name] = (hints[entry.name], ... if entry.default is MISSING else entry.default)
+
+    def check(section: Any) -> Any:
+        try:
+            declaration(**section.model_dump())
+        except ParameterError as error:
+            raise ValueError(str(error)) from error
+        return section
+
+    validators: Any = {"check": model_validator(mode="after")(check)}
+    return create_model(name, __base__=Section, __doc__=text, __validators__=validators, **entries)
+
+
+def _effects_section() -> type[Section]:
+    entries: dict[str, Any] = dict.fromkeys(Effects.names(), (bool | Literal["auto"], "auto"))
+    return create_model(
+        "EffectsSection", __base__=Section, __doc__="Mechanisms: on, off, or decided by the program.", **entries
+    )
+
+
+MaterialSection: Any = _material_section()
+ClosureSection: Any = _declared_section("ClosureSection", Closure, "How the change of contact forces is closed.")
+IntegrationSection: Any = _declared_section("IntegrationSection", Integration, "Numerics of the update at a point.")
+EffectsSection: Any = _effects_section()
+NamedMaterialSection: Any = create_model(
+    "NamedMaterialSection",
+    __base__=MaterialSection,
+    __doc__="One of several materials, with the region of the mesh that it fills.",
+    region=(str, Field(..., description="physical surface of the mesh")),
+)
