@@ -132,12 +132,15 @@ class UpdateReport:
     proposed_step_factor : float
         Fraction of this increment worth trying next, smallest over the points: below 1 after a failure, else 1 or
         more.
+    evaluations : ndarray of int32, shape (npt,), optional
+        Evaluations of the rates for each point, those of rejected substeps included; None if the law has no rates.
     """
 
     status: NDArray[np.int8]
     substeps: NDArray[np.int32]
     rejected: NDArray[np.int32]
     proposed_step_factor: float = 1.0
+    evaluations: NDArray[np.int32] | None = None
 
     @property
     def failed(self) -> int:

@@ -14,8 +14,10 @@ import numpy as np
 from .compilation import compiled
 from .contract import Status
 from .end_values import finish_point, finish_weak_forces, network_at_end
+from .implicit_stage import ROUNDING, SHARE_OF_TOLERANCE
 from .lanes import (
     ACCEPT,
+    EVALUATIONS,
     FEEDBACK,
     FORCE_CHANGE,
     GAIN,
@@ -93,14 +95,15 @@ def update_points(
     """Advance the points from `first` up to, not including, `end`; see `law.ContactLaw` for the arrays.
 
     `control` is (npt, 3) if `mixed`, else (1, 3); `strain_increment` is written if `mixed`; `tangent` according to
-    `tangent_kind`; `status` (npt,) and `counts` (npt, 2: accepted and rejected substeps) are written. `tableau` holds
-    a, b, error, error order; `numerics` the tolerance, the number of fixed substeps, the largest number of substeps.
+    `tangent_kind`; `status` (npt,) and `counts` (npt, 3: accepted and rejected substeps, evaluations) are written.
+    `tableau` holds a, b, error, error order; `numerics` the tolerance, the number of fixed substeps, the most substeps.
     Runs without the interpreter's lock, so that threads can share a batch; a point's result does not depend on how.
     """
     b, error, error_order = tableau[1], tableau[2], tableau[3]
     derivatives = tangent_kind == TANGENT_PROPAGATED
     tolerance, planned, most = numerics[0], int(numerics[1]), int(numerics[2])
     fixed = planned > 0
+    stage_tolerance = ROUNDING if fixed else max(ROUNDING, SHARE_OF_TOLERANCE * tolerance)
     network = options[LOSS] != 0 or options[GAIN] != 0
     shifted = network and options[FORCE_CHANGE] == SHIFTED_DISTRIBUTION
     resolved = np.empty(20)
@@ -151,13 +154,14 @@ def update_points(
                         w[STEP + lane] = remaining
         if active == 0:
             break
-        attempt_substep(w, lane_control, mixed, options, numbers, derivatives, tableau, rule, solver)
+        attempt_substep(w, lane_control, mixed, options, numbers, derivatives, tableau, stage_tolerance, rule, solver)
         estimate_error(w, error, tolerance, shifted)
         for lane in range(LANES):
             point = point_of[lane]
             w[ACCEPT + lane] = 0.0
             if point < 0:
                 continue
+            counts[point, 2] += int(w[EVALUATIONS + lane])
             failed = w[WORST + lane] > LIMITED
             if not failed and (fixed or w[MEASURE + lane] <= 1.0):
                 w[ACCEPT + lane] = 1.0

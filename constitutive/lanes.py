@@ -37,7 +37,7 @@ ADVANCED = UNKNOWNS + SLOPES
 """Rows that a substep advances together: the unknowns, then their derivatives."""
 RATES = ADVANCED + EXTRAS
 STAGES = 7
-"""Most stages of a Runge-Kutta pair."""
+"""Most stages of an explicit Runge-Kutta pair; an implicit one has at most five."""
 
 L = LANES
 
@@ -109,6 +109,13 @@ JACOBIAN = _rows(3 * INPUTS)
 
 # stages kept by the integrator
 STAGE = _rows(RATES * STAGES)
+OLD_ITERATE, OLD_RESIDUAL = STAGE + 5 * RATES * L, STAGE + 6 * RATES * L
+"""The last pass of an implicit stage, in the places of the stages that implicit schemes do not have."""
+EVALUATIONS = _rows(1)
+"""Evaluations of the rates in the substep under way."""
+SOLVING, SETTLED, KEPT_X1, KEPT_X2 = (_rows(1) for _ in range(4))
+WEIGHT = _rows(UNKNOWNS)
+BLOCK_RESIDUAL, BLOCK_CHANGE, BLOCK_CROSS, BLOCK_SIZE = (_rows(1) for _ in range(4))
 
 SIZE = next(_next) * LANES
 """Length of a workspace."""

@@ -297,7 +297,7 @@ class ContactLaw:
         elif npt and not 0 <= int(material_index.min()) <= int(material_index.max()) < len(self.materials):
             raise ValueError(f"material_index must lie in 0 ... {len(self.materials) - 1}")
         status = np.zeros(npt, dtype=np.int8)
-        counts = np.zeros((npt, 2), dtype=np.int32)
+        counts = np.zeros((npt, 3), dtype=np.int32)
         arguments = (
             given,
             np.zeros((1, 3), dtype=np.uint8) if control is None else control,
@@ -322,7 +322,7 @@ class ContactLaw:
         )
         run_in_threads(update_points, npt, arguments)
         factor = smallest_step_factor(status, counts, _COMFORTABLE_SUBSTEPS)
-        return UpdateReport(status, counts[:, 0], counts[:, 1], float(factor))
+        return UpdateReport(status, counts[:, 0], counts[:, 1], float(factor), counts[:, 2])
 
     @staticmethod
     def _check(name: str, array: Array, shape: tuple[int, ...]) -> None:

@@ -19,7 +19,7 @@ ShearStiffness = Literal["uniform_strain", "isostatic"]
 Tangential = Literal["neglected", "self_consistent"]
 Distribution = Literal["harmonic", "maximum_entropy"]
 ArcIntegration = Literal["closed_form", "gauss"]
-Integrator = Literal["forward_euler", "modified_euler", "bogacki_shampine", "dormand_prince"]
+Integrator = Literal["forward_euler", "modified_euler", "bogacki_shampine", "dormand_prince", "kennedy_carpenter"]
 
 
 class ParameterError(ValueError):
@@ -173,9 +173,9 @@ class Integration:
 
     Parameters
     ----------
-    integrator : {"forward_euler", "modified_euler", "bogacki_shampine", "dormand_prince"}
-        Explicit Runge-Kutta scheme; all but the first control their error by an embedded lower order:
-        2(1), 3(2), 5(4).
+    integrator : {"forward_euler", "modified_euler", "bogacki_shampine", "dormand_prince", "kennedy_carpenter"}
+        Runge-Kutta scheme, the last one implicit; all but the first control their error by an embedded lower order:
+        2(1), 3(2), 5(4), 3(2).
     tolerance : float
         Local error allowed per substep, relative to the state.
     substeps : int

@@ -3,14 +3,14 @@
 from .compilation import compiled
 from .lanes import KERNEL_OPTIONS
 
-_NOT_NEGATIVE = 0x7FFFFFFF
+NOT_NEGATIVE = 0x7FFFFFFF
 """A mask that tells the compiler that no index is negative; without it, it has to provide for counting from the end."""
 
 
 @compiled(inline="always", **KERNEL_OPTIONS)
 def copy_rows(w, target, source, number):
     """w[target ...] = w[source ...]."""
-    target, source = target & _NOT_NEGATIVE, source & _NOT_NEGATIVE
+    target, source = target & NOT_NEGATIVE, source & NOT_NEGATIVE
     for index in range(number):
         w[target + index] = w[source + index]
 
@@ -18,6 +18,6 @@ def copy_rows(w, target, source, number):
 @compiled(inline="always", **KERNEL_OPTIONS)
 def add_scaled(w, target, source, factor, number):
     """w[target ...] += factor w[source ...]."""
-    target, source = target & _NOT_NEGATIVE, source & _NOT_NEGATIVE
+    target, source = target & NOT_NEGATIVE, source & NOT_NEGATIVE
     for index in range(number):
         w[target + index] += factor * w[source + index]

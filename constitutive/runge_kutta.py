@@ -1,12 +1,13 @@
-"""Explicit Runge-Kutta pairs and the constants of step control, all in one place.
+"""Runge-Kutta pairs and the constants of step control, all in one place.
 
 A substep that goes from t to t + h advances with the higher order of the pair; the difference to the embedded lower
 order is the error estimate. References: Hairer, Norsett & Wanner, Solving ODEs I, section II.4; Bogacki & Shampine
-1989.
+1989; Kennedy & Carpenter, Appl. Numer. Math. 44 (2003) 139, for the implicit one.
 
 Why no pair 3(2) with three stages: isotropic unloading follows z ~ p^P0, and the estimate of every such pair is
 proportional to ``f''(f, f) + 4 f' f' f``, which for this solution is P0 (P0 - 1)(1 - 2 P0): it vanishes identically at
-P0 = 1/2, the value of the source. The estimate of Bogacki and Shampine is proportional to the third derivative itself.
+P0 = 1/2, the value of the source. The estimate of Bogacki and Shampine is proportional to the third derivative itself,
+and so is that of the implicit pair, because its stages are of order two.
 """
 
 from dataclasses import dataclass
@@ -32,12 +33,12 @@ SMALLEST_SUBSTEP = 1e-13
 
 @dataclass(frozen=True)
 class Tableau:
-    """Coefficients of an explicit pair.
+    """Coefficients of a pair.
 
     Parameters
     ----------
     a : ndarray, shape (s, s)
-        Strictly lower triangular.
+        Lower triangular; a stage with an entry on the diagonal is implicit. The first stage is explicit in all pairs.
     b : ndarray, shape (s,)
         Weights of the order that is used.
     error : ndarray, shape (s,)
@@ -66,6 +67,31 @@ def _tableau(rows: list[list[float]], b: list[float], embedded: list[float] | No
     return Tableau(a, weights, weights - np.array(embedded), order, order - 1)
 
 
+def _kennedy_carpenter() -> Tableau:
+    """ESDIRK3(2)4L[2]SA: explicit first stage, one diagonal entry, L-stable, stiffly accurate, stages of order two.
+
+    The diagonal solves gamma^3 - 3 gamma^2 + 3 gamma/2 - 1/6 = 0, the third node is 3/5; everything but the embedded
+    weights follows from the order conditions.
+    """
+    gamma, c3 = 0.43586652150845899942, 3 / 5
+    c2 = 2 * gamma
+    a32 = c3 * (c3 / 2 - gamma) / c2
+    # sum b = 1, b.c = 1/2, b.c^2 = 1/3 with b_4 = gamma at c_4 = 1
+    b3 = ((1 / 3 - gamma) - (1 / 2 - gamma) * c2) / (c3 * (c3 - c2))
+    b2 = (1 / 2 - gamma - b3 * c3) / c2
+    b = np.array([1 - b2 - b3 - gamma, b2, b3, gamma])
+    embedded = np.array(
+        [
+            2756255671327 / 12835298489170,
+            -10771552573575 / 22201958757719,
+            9247589265047 / 10645013368117,
+            2193209047091 / 5459859503100,
+        ]
+    )
+    a = np.array([[0.0] * 4, [gamma, gamma, 0.0, 0.0], [c3 - a32 - gamma, a32, gamma, 0.0], b])
+    return Tableau(a, b, b - embedded, 3, 2)
+
+
 TABLEAUS: dict[str, Tableau] = {
     "forward_euler": _tableau([], [1.0], None, 1),
     "modified_euler": _tableau([[1.0]], [0.5, 0.5], [1.0, 0.0], 2),
@@ -88,4 +114,5 @@ TABLEAUS: dict[str, Tableau] = {
         [5179 / 57600, 0.0, 7571 / 16695, 393 / 640, -92097 / 339200, 187 / 2100, 1 / 40],
         5,
     ),
+    "kennedy_carpenter": _kennedy_carpenter(),
 }

@@ -4,10 +4,12 @@ import math
 
 from .compilation import compiled
 from .contract import Status
+from .implicit_stage import begin_stage, improve_stage
 from .lanes import (
     ACCEPT,
     ADVANCED,
     ERROR,
+    EVALUATIONS,
     EXTRAS,
     FLOOR,
     GAINED,
@@ -37,24 +39,36 @@ NOT_ADMISSIBLE = int(Status.NOT_ADMISSIBLE)
 
 
 @compiled(inline="always", **KERNEL_OPTIONS)
-def attempt_substep(w, control, mixed, options, numbers, derivatives, tableau, rule, solver):
+def attempt_substep(w, control, mixed, options, numbers, derivatives, tableau, stage_tolerance, rule, solver):
     """All stages of one substep from rows Y, TY over rows STEP; leaves the end in TRIAL, the worst status in WORST."""
     a, b = tableau[0], tableau[1]
     stages = b.shape[0]
     for lane in range(LANES):
         w[WORST + lane] = 0.0
+        w[EVALUATIONS + lane] = 0.0
     for row in range(1, ADVANCED):
         for lane in range(LANES):
             w[STEP + row * L + lane] = w[STEP + lane]
-    for i in range(stages):
+    i, passes = 0, 0
+    while i < stages:
         # a stage that only estimates the error needs no derivatives
         with_derivatives = derivatives and (b[i] != 0.0 or i < stages - 1)
-        _advance(w, ADVANCED if with_derivatives else UNKNOWNS, i, a[i])
+        implicit = a[i, i] != 0.0
+        if implicit and passes == 0:
+            begin_stage(w, i)
+        _advance(w, ADVANCED if with_derivatives else UNKNOWNS, i + 1, a[i])
         stage(w, control, mixed, options, numbers, with_derivatives, rule, solver)
-        copy_rows(w, STAGE + i * RATES * L, RATE, RATES * L)
-        for lane in range(LANES):
-            worst, outcome = w[WORST + lane], w[OUTCOME + lane]
-            w[WORST + lane] = worst if worst > outcome else outcome
+        if implicit:
+            passes += 1
+            if not improve_stage(w, i, a[i, i], stage_tolerance, passes, with_derivatives):
+                continue
+        else:
+            copy_rows(w, STAGE + i * RATES * L, RATE, RATES * L)
+            for lane in range(LANES):
+                worst, outcome = w[WORST + lane], w[OUTCOME + lane]
+                w[WORST + lane] = worst if worst > outcome else outcome
+                w[EVALUATIONS + lane] += 1.0
+        i, passes = i + 1, 0
     _advance(w, ADVANCED if derivatives else UNKNOWNS, stages, b)
 
 

@@ -51,6 +51,7 @@ def test_coefficients(name, tableau):
         ("modified_euler", (16, 32, 64, 128)),
         ("bogacki_shampine", (8, 16, 32, 64)),
         ("dormand_prince", (2, 4, 8, 16)),
+        ("kennedy_carpenter", (8, 16, 32, 64)),
     ],
 )
 def test_order(name, counts, exact):
@@ -60,7 +61,7 @@ def test_order(name, counts, exact):
     assert -0.2 < slope - TABLEAUS[name].order < 0.45
 
 
-@pytest.mark.parametrize("name", ["modified_euler", "bogacki_shampine", "dormand_prince"])
+@pytest.mark.parametrize("name", ["modified_euler", "bogacki_shampine", "dormand_prince", "kennedy_carpenter"])
 def test_true_error_below_tolerance(name, exact):
     """The order used is one above the estimated one, so that all substeps together stay near one tolerance."""
     taken = []

@@ -80,8 +80,8 @@ def stiffness(material, z, q):
     return full
 
 
-def integrate(material, stress, increment, control="stress", z=None, q=(0.0, 0.0), rtol=1e-10, **choices):
-    """End stress, z, a_c, gained (3), lost (3) and strain after an increment of stress, or of strain."""
+def derivative_of(material, stress, increment, control="stress", **choices):
+    """Rates of y = (stress, z, a_c, gained, lost, strain), 15 in all, over a pseudo-time from 0 to 1."""
     c_n, phi, kn = material.force_anisotropy_ratio, material.solid_fraction, material.normal_stiffness
     stress, increment = np.asarray(stress, float), np.asarray(increment, float)
 
@@ -91,7 +91,7 @@ def integrate(material, stress, increment, control="stress", z=None, q=(0.0, 0.0
 
     s_start = invariants(stress)[1]
 
-    def derivative(_, y):
+    def derivative(y):
         sigma, z_now, q_now = y[:3], y[3], y[4:6]
         c = stiffness(material, z_now, q_now)
         stress_rate = increment if control == "stress" else c @ increment
@@ -104,8 +104,15 @@ def integrate(material, stress, increment, control="stress", z=None, q=(0.0, 0.0
         gained, lost = rates(material, d, ds, z_now, q_now, n, f, **choices)
         return np.concatenate([stress_rate, gained - lost, gained, lost, strain_rate])
 
+    return derivative
+
+
+def integrate(material, stress, increment, control="stress", z=None, q=(0.0, 0.0), rtol=1e-10, **choices):
+    """End stress, z, a_c, gained (3), lost (3) and strain after an increment of stress, or of strain."""
+    derivative = derivative_of(material, stress, increment, control, **choices)
+    stress = np.asarray(stress, float)
     start = np.concatenate([stress, [material.coordination if z is None else z], q, np.zeros(9)])
     scale = np.concatenate([np.full(3, 1e-3 * abs(stress).max()), np.ones(9), np.full(3, 1e-5)])
-    solution = solve_ivp(derivative, (0, 1), start, method="DOP853", rtol=rtol, atol=rtol * scale)
+    solution = solve_ivp(lambda _, y: derivative(y), (0, 1), start, method="DOP853", rtol=rtol, atol=rtol * scale)
     end = solution.y[:, -1]
     return end[:3], end[3], end[4:6], end[6:9], end[9:12], end[12:15]
