@@ -1,5 +1,20 @@
-"""`python -m cases` is `granfabric`."""
+"""`granfabric`, and `python -m cases`."""
 
-from .cli import main
+from __future__ import annotations
 
-main()
+import sys
+
+
+def main() -> None:
+    """Entry point of the console script; Ctrl-C is answered also while modules are imported."""
+    try:
+        from .cli import main as command
+
+        command()
+    except KeyboardInterrupt:
+        sys.stderr.write("granfabric: interrupted\n")
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

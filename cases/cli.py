@@ -14,6 +14,9 @@ import typer
 
 from .errors import InputError, RunError
 
+INTERRUPTED = 130
+"""What the library of the command line makes of Ctrl-C."""
+
 app = typer.Typer(
     name="granfabric",
     help="Contact gain and loss in granular assemblies: at a point, and in boundary-value problems.",
@@ -186,11 +189,19 @@ def main() -> None:
     """Entry point of the console script."""
     try:
         app()
+    except SystemExit as error:
+        if error.code != INTERRUPTED:
+            raise
+        sys.stderr.write("granfabric: interrupted\n")
+        sys.exit(1)
     except InputError as error:
         sys.stderr.write(f"granfabric: {error}\n")
         sys.exit(2)
     except (RunError, OSError) as error:
         sys.stderr.write(f"granfabric: {error}\n")
+        sys.exit(1)
+    except MemoryError:
+        sys.stderr.write("granfabric: there is not enough memory for this\n")
         sys.exit(1)
     except KeyboardInterrupt:
         sys.stderr.write("granfabric: interrupted\n")

@@ -10,6 +10,7 @@ import numpy as np
 from dem_ref.biaxial import DemRun, RunOptions
 from dem_ref.material import measure_material
 from dem_ref.measure import contacts_of, coordination_number, fabric_anisotropy, unbalanced_force
+from dem_ref.motion import UnstableMotionError
 from dem_ref.neighbours import CellTooSmallError
 from dem_ref.packing import PackingError, make_packing
 from dem_ref.probes import ProbeError
@@ -80,23 +81,25 @@ def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = Fa
     except PathError as error:
         raise loaded.error(["path"], str(error)) from error
     record = Record(folder, loaded.name, resolved(loaded, None))
-    if resume:
-        _take_over(folder, record)
-    else:
-        files.prepare_output(folder)
-    record.write()
     with (
         watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
         stop_wish(screen.announce_stop) as stop,
     ):
+        kept: tuple[Sample | None, DemRun | None] = (None, None)
+        if resume:
+            _take_over(folder, record)
+            kept = _kept(folder, options)
+        else:
+            files.prepare_output(folder)
+        record.write()
         try:
-            sample = _packing(scene, record, screen, stop, watch)
+            sample = kept[0] or _packing(scene, record, screen, stop, watch)
             _measure(scene, sample, record, screen, watch)
-            run = _load(loaded.name, options, sample, record, screen, stop, watch)
+            run = _load(loaded.name, kept[1] or DemRun(sample, options), sample, record, screen, stop, watch)
         except _Stopped:
             record.outcome, record.message = "stopped", "stopped while packing"
             run = None
-        except (PackingError, CellTooSmallError, SampleError) as error:
+        except (PackingError, CellTooSmallError, SampleError, UnstableMotionError) as error:
             record.outcome, record.message = "failed", str(error)
             run = None
         except KeyboardInterrupt as error:
@@ -138,11 +141,18 @@ def _take_over(folder: Path, record: Record) -> None:
             record.details[entry] = earlier[entry]
 
 
+def _kept(folder: Path, options: RunOptions) -> tuple[Sample | None, DemRun | None]:
+    """Packing and checkpoint of the run to go on with; refuses damaged ones before anything is changed."""
+    packing, checkpoint = folder / files.PACKING, folder / files.CHECKPOINT
+    try:
+        sample = load_sample(packing) if packing.is_file() else None
+        return sample, DemRun.resume(checkpoint, options) if sample is not None and checkpoint.is_file() else None
+    except SampleError as error:
+        raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
+
+
 def _packing(scene: Any, record: Record, screen: Screen, stop: StopWish, watch: CompileWatch) -> Sample:
-    """The packing, from its file if there is one."""
-    path = record.folder / files.PACKING
-    if path.is_file():
-        return load_sample(path)
+    """The packing, made and stored."""
     with screen.progress("packing", 1.0) as advance, record.phase("packing", watch):
 
         def report(text: str, fraction: float) -> None:
@@ -152,7 +162,7 @@ def _packing(scene: Any, record: Record, screen: Screen, stop: StopWish, watch: 
 
         packing = scene.packing
         sample = make_packing(packing.particles, packing.seed, packing_options(scene), report)
-    save_sample(path, sample)
+    save_sample(record.folder / files.PACKING, sample)
     return sample
 
 
@@ -184,13 +194,12 @@ def _measure(scene: Any, sample: Sample, record: Record, screen: Screen, watch: 
 
 
 def _load(
-    name: str, options: RunOptions, sample: Sample, record: Record, screen: Screen, stop: StopWish, watch: CompileWatch
+    name: str, run: DemRun, sample: Sample, record: Record, screen: Screen, stop: StopWish, watch: CompileWatch
 ) -> DemRun:
-    """Carry the sample along its path, from the checkpoint if there is one."""
+    """Carry the sample along its path, on from the checkpoint if there is one."""
     folder, output = record.folder, record.scene["output"]
     checkpoint = folder / files.CHECKPOINT
     resumed = checkpoint.is_file()
-    run = DemRun.resume(checkpoint, options) if resumed else DemRun(sample, options)
     before, spent = run.motion.steps_done, record.timing.get("loading", 0.0)
     series = DemSeries(folder, sample.position, output["every"], len(run.rows) - 1 if resumed else -1)
 

@@ -75,11 +75,23 @@ def csv_text(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
 
 
 def read_csv(path: Path) -> dict[str, list[Any]]:
-    """Columns of a file written by `csv_text`; numbers become floats, anything else stays text."""
-    with path.open(newline="", encoding="utf-8") as file:
-        reader = csv.reader(file)
-        names = next(reader, [])
-        rows = list(reader)
+    """Columns of a file written by `csv_text`; numbers become floats, anything else stays text.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.reader(file)
+            names = next(reader, [])
+            rows = list(reader)
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"{path} cannot be read: {error}") from error
+    for number, row in enumerate(rows, start=2):
+        if len(row) != len(names):
+            raise InputError(f"{path}, line {number} has {len(row)} entries, the first line {len(names)}")
     return {name: [_number(row[place]) for row in rows] for place, name in enumerate(names)}
 
 
@@ -94,9 +106,11 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     """The `run.json` of a folder if it is one of ours, else None."""
     try:
         data = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return None
-    return data if isinstance(data, dict) and data.get("program") == PROGRAM else None
+    ours = isinstance(data, dict) and data.get("program") == PROGRAM
+    parts = {"kind": str, "outcome": str, "message": str, "scene": dict, "timing": dict, "versions": dict}
+    return data if ours and all(isinstance(data.get(name), kind) for name, kind in parts.items()) else None
 
 
 def check_output(folder: Path) -> None:

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from constitutive.path import POINT_COLUMNS
+from dem_ref.biaxial import HISTORY_COLUMNS
+from dem_ref.sample import SampleError
+
 from . import files
 from .errors import InputError
+from .field_history import MEANS
+from .scene import check
+from .schema import MODELS
 
 
 def draw_folder(folder: Path) -> list[Path]:
@@ -26,9 +34,27 @@ def draw_folder(folder: Path) -> list[Path]:
         raise InputError(
             f"{str(folder)!r} holds a comparison; `granfabric verify -o {folder}` draws it anew from the DEM runs there"
         )
+    if record["kind"] not in MODELS or record["scene"].get("kind") != record["kind"]:
+        raise InputError(f"{str(folder)!r} holds a result of the kind {record['kind']!r}, which has no pictures")
+    check(record["scene"], folder / files.RECORD)
     if not (folder / files.HISTORY).is_file():
         raise InputError(f"{str(folder)!r} holds no {files.HISTORY}: nothing was computed before the run ended")
-    return draw(folder, record["scene"])
+    _check_history(folder, record["kind"])
+    try:
+        return draw(folder, record["scene"])
+    except SampleError as error:
+        raise InputError(str(error)) from error
+
+
+def _check_history(folder: Path, kind: str) -> None:
+    """See that the history has the columns that are drawn, and numbers in them."""
+    table = files.read_csv(folder / files.HISTORY)
+    needed = {"point": POINT_COLUMNS, "dem": HISTORY_COLUMNS, "field": ("step", "stage", *MEANS)}[kind]
+    for name in needed:
+        if name not in table:
+            raise InputError(f"{folder / files.HISTORY} has no column {name!r}")
+        if name != "stage" and not all(isinstance(value, float) and math.isfinite(value) for value in table[name]):
+            raise InputError(f"{folder / files.HISTORY}: the column {name!r} holds something that is not a number")
 
 
 def draw(folder: Path, scene: dict[str, Any]) -> list[Path]:

@@ -114,7 +114,7 @@ def _overview(folder: Path, columns: Columns, scene: dict[str, Any]) -> Path:
         for one in axes:
             one.set_xlabel(label)
             one.legend(fontsize=8)
-        figure.suptitle(scene["title"], x=0.01, ha="left", fontsize=13)
+        figure.suptitle(scene["title"], x=0.01, ha="left", fontsize=13, parse_math=False)
     return path
 
 
@@ -124,7 +124,7 @@ def _distributions(folder: Path, packing: Sample, scene: dict[str, Any]) -> Path
         left, right = figure.subplots(1, 2)
         draw_force_density(left, force_distribution(contacts_of(packing)))
         draw_gap_density(right, gap_distribution(packing))
-        figure.suptitle(f"{scene['title']}: the packing", x=0.01, ha="left", fontsize=13)
+        figure.suptitle(f"{scene['title']}: the packing", x=0.01, ha="left", fontsize=13, parse_math=False)
     return path
 
 
@@ -142,7 +142,7 @@ def _networks(folder: Path, packing: Sample, loaded: Sample | None, columns: Col
         bar = figure.colorbar(chains, ax=list(axes), shrink=0.6, pad=0.01, boundaries=np.linspace(0.0, 4.0, 81))
         bar.set_ticks([0, 1, 2, 3, 4], labels=["0", "1", "2", "3", r"$\geq$ 4"])
         bar.set_label("normal force over its mean; disks without force blue")
-        figure.suptitle(f"{scene['title']}: contact forces", x=0.01, ha="left", fontsize=13)
+        figure.suptitle(f"{scene['title']}: contact forces", x=0.01, ha="left", fontsize=13, parse_math=False)
     return path
 
 

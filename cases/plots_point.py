@@ -67,7 +67,7 @@ def _microvariables(folder: Path, columns: Columns, scene: dict[str, Any]) -> Pa
                 _line(axes[place], x, columns[name], colour)
             axes[place].set(title=f"({'abcdef'[place]})", xlabel=label, ylabel=f"{text} [-]")
         _stress_path(axes[5], columns)
-        figure.suptitle(scene["title"], x=0.01, ha="left", fontsize=13)
+        figure.suptitle(scene["title"], x=0.01, ha="left", fontsize=13, parse_math=False)
     return path
 
 
@@ -146,7 +146,7 @@ def _decomposition(folder: Path, columns: Columns, scene: dict[str, Any]) -> Pat
         left.set(title="Fabric anisotropy", xlabel=label)
         right.set(title="Coordination number", xlabel=label)
         left.legend()
-        figure.suptitle(scene["title"], x=0.01, ha="left", fontsize=13)
+        figure.suptitle(scene["title"], x=0.01, ha="left", fontsize=13, parse_math=False)
     return path
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from constitutive.path import Leg, PathHistory, drive
 
-from . import build, files
+from . import build, files, memory
 from .compile_watch import watching
 from .effects_choice import resolve_effects
 from .interruption import stop_wish
@@ -17,6 +17,9 @@ from .screen import Screen, spread
 
 COMPILATION_SECONDS = 45
 """Rough time to compile the kernels of the point law, for the message on first use."""
+
+BYTES_PER_STEP = 1000
+"""Memory that a row of the history takes."""
 
 TABLE_COLUMNS = ("step", "p", "q", "coordination", "fabric_anisotropy", "normal_force_anisotropy", "mean_normal_force")
 
@@ -59,6 +62,8 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
     loaded.require("point")
     effects = resolve_effects(scene)
     law, legs = build.law(loaded, effects), legs_of(scene)
+    increments = sum(leg.increments for leg in legs)
+    memory.refuse_beyond(BYTES_PER_STEP * increments, f"{loaded.file}: path, {increments} increments in all,")
     files.prepare_output(folder)
     record = Record(folder, loaded.name, resolved(loaded, effects))
     record.write()

@@ -21,10 +21,16 @@ from fem.mesh import HostMesh, MeshError, read_mesh, rectangle
 from fem.problem import Problem
 from fem.space import Space
 
-from . import build
+from . import build, memory
 from .effects_choice import resolve_effects
 from .groups import check_groups, material_index, named_boundaries
 from .scene import LoadedScene
+
+
+POINTS = {"P1": 1, "P2": 3, "Q1": 4, "Q2": 9}
+"""Integration points of an element."""
+BYTES_PER_POINT = 600
+"""Stress, strain, state and tangent of a point at the start and the end of a step; the matrix comes on top."""
 
 
 def stages(scene: Any) -> list[Stage]:
@@ -52,6 +58,9 @@ def read_or_make_mesh(loaded: LoadedScene) -> HostMesh:
     mesh = loaded.scene.mesh
     if mesh.rectangle is not None:
         shape = mesh.rectangle
+        cells = shape.nx * shape.ny * (2 if shape.cell == "triangle" else 1)
+        needed = BYTES_PER_POINT * cells * POINTS[mesh.element]
+        memory.refuse_beyond(needed, f"{loaded.file}: mesh.rectangle, {shape.nx} x {shape.ny} cells,")
         return rectangle(shape.width, shape.height, shape.nx, shape.ny, shape.cell)
     try:
         return read_mesh(loaded.file.parent / mesh.file)

@@ -12,6 +12,7 @@ import numpy as np
 import constitutive.warm_up
 import fem.warm_up
 from fem.checkpoint import Checkpoint, CheckpointError, CheckpointFolder
+from fem.control import ControlError
 from fem.output import OutputError
 from fem.results import RunSummary
 from fem.stepping import solve
@@ -113,6 +114,8 @@ def run_field(
                     on_checkpoint=recorder.save,
                 )
                 recorder.close()
+            except ControlError as error:
+                raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
             except (OutputError, OSError) as error:
                 raise record.broken_off(f"results cannot be written any more: {error}") from error
             except KeyboardInterrupt as error:

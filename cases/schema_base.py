@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 Control = Literal["stress", "strain"]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -20,8 +20,18 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
+def _printable(text: str) -> str:
+    """A line that a terminal shows as it is."""
+    if not text.isprintable():
+        raise ValueError(f"{text!r} holds control characters")
+    return text
+
+
+Line = Annotated[str, AfterValidator(_printable)]
+
+
 class Scene(Section):
     """What every scene has."""
 
-    title: Annotated[str, Field(min_length=1, max_length=200)]
+    title: Annotated[Line, Field(min_length=1, max_length=200)]
     description: Text = ""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from pydantic import Field, model_validator
 
 from .schema_base import Section, Triple
@@ -15,7 +17,7 @@ class Initial(Section):
     @model_validator(mode="after")
     def _compressive(self) -> Initial:
         xx, yy, xy = self.stress
-        pressure, deviator = -(xx + yy) / 2, ((xx - yy) ** 2 / 4 + xy**2) ** 0.5
+        pressure, deviator = -(xx / 2 + yy / 2), math.hypot(xx / 2 - yy / 2, xy)
         if not pressure > deviator:
             raise ValueError(
                 f"the initial stress has to press in every direction (tension is positive): mean pressure "

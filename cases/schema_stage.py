@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from .schema_base import Increments, Pair, Section
+from .schema_base import Increments, Line, Pair, Section
 
 Component = Literal["x", "y"]
 
@@ -62,7 +62,7 @@ class StageSection(Section):
     A first stage named "initial" holds its loads from the outset, in balance with the initial stress.
     """
 
-    name: Annotated[str, Field(min_length=1, max_length=80)]
+    name: Annotated[Line, Field(min_length=1, max_length=80)]
     increments: Increments = 20
     keep: bool = Field(default=True, description="keep what earlier stages set and this one does not name")
     fixed: list[FixedLoad] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -10,9 +11,13 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
+from fem.foreign_files import ForeignFileError, guarded
+
 from .errors import InputError
 
 Array = NDArray[np.float64]
+
+DRAWN = ("coordination", "fabric_anisotropy")
 
 
 def last_file(folder: Path, series: str) -> Path | None:
@@ -32,6 +37,8 @@ def last_file(folder: Path, series: str) -> Path | None:
         raise InputError(f"{path} is damaged") from error
     if not names:
         return None
+    if not re.fullmatch(rf"{series}_\d{{1,9}}\.vtu", names[-1]):
+        raise InputError(f"{path} is damaged: it names {names[-1]!r}")
     file = folder / names[-1]
     if not file.is_file():
         raise InputError(f"{path} names {names[-1]!r}, which does not exist")
@@ -39,7 +46,7 @@ def last_file(folder: Path, series: str) -> Path | None:
 
 
 def read(file: Path) -> Any:
-    """Content of a `.vtu` as a meshio mesh.
+    """Content of a `.vtu` as a meshio mesh with the fields that are drawn.
 
     Raises
     ------
@@ -47,9 +54,22 @@ def read(file: Path) -> Any:
         If it cannot be read.
     """
     try:
-        return meshio.read(file)
-    except (meshio.ReadError, ElementTree.ParseError, ValueError) as error:
+        with guarded(file.stat().st_size):
+            mesh = meshio.read(file)
+    except (ForeignFileError, OSError) as error:
         raise InputError(f"{file} cannot be read: {error}") from error
+    count = len(mesh.points)
+    points = np.asarray(mesh.points)
+    if points.shape != (count, 3) or points.dtype != np.float64 or not (np.isfinite(points).all() and count):
+        raise InputError(f"{file} is damaged: its points are not plain coordinates")
+    for block in mesh.cells:
+        if len(block.data) and not (0 <= block.data.min() <= block.data.max() < count):
+            raise InputError(f"{file} is damaged: a cell names a point that is not there")
+    for name in DRAWN:
+        values = np.asarray(mesh.point_data.get(name))
+        if values.dtype != np.float64 or len(values) != count or not np.isfinite(values).all():
+            raise InputError(f"{file} is damaged: the field {name!r} is missing or not finite")
+    return mesh
 
 
 def triangles(mesh: Any) -> NDArray[np.int64]:

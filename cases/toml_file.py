@@ -8,6 +8,9 @@ from typing import Any
 
 from .errors import InputError
 
+LARGEST_FILE = 10_000_000
+"""[byte] A scene written by hand has a few thousand; the largest path that the schema admits has less than this."""
+
 
 def read_table(file: Path) -> dict[str, Any]:
     """Content of a TOML file.
@@ -18,6 +21,11 @@ def read_table(file: Path) -> dict[str, Any]:
         If it cannot be read or is not TOML.
     """
     try:
+        if file.exists() and not file.is_file():  # a device or a pipe may never end
+            raise OSError(0, "it is a folder, a device or a pipe")
+        size = file.stat().st_size
+        if size > LARGEST_FILE:
+            raise OSError(0, f"{size / 1e6:.0f} MB is more than the {LARGEST_FILE / 1e6:.0f} MB that a scene may have")
         return tomllib.loads(file.read_bytes().decode("utf-8"))
     except UnicodeDecodeError as error:
         raise InputError(f"{file}: not a text in UTF-8 (byte {error.start})") from error

@@ -29,6 +29,7 @@ from dem_ref.measure import (
 )
 from dem_ref.motion import DAMPING, REFRESH, STEP, Motion
 from dem_ref.path import Segment
+from dem_ref.run_checks import damage
 from dem_ref.sample import Sample, SampleError, read_arrays, sample_arrays, sample_from_arrays, write_atomically
 from dem_ref.servo import LegState, Loading, RateLimits
 
@@ -40,7 +41,6 @@ HISTORY_COLUMNS = (
     "tangential_force_xy", "void_ratio", "inertial_number", "unbalanced_force", "elastic_energy", "work",
     "friction_heat", "drag_heat", "dem_steps", "segment",
 )  # fmt: skip
-_NUMBER_ARRAYS = ("run_numbers", "leg_state", "motion_stress", "motion_measures", "motion_tally")
 
 
 @dataclass(frozen=True)
@@ -300,13 +300,10 @@ class DemRun:
         prefix = "sample_"
         stored = {name[len(prefix) :]: a for name, a in arrays.items() if name.startswith(prefix)}
         sample = sample_from_arrays(stored, str(path))
-        for name in _NUMBER_ARRAYS:
-            if name not in arrays or arrays[name].dtype != np.float64 or not np.isfinite(arrays[name]).all():
-                raise SampleError(f"{path}: array '{name}' is missing or damaged")
-        numbers = arrays["run_numbers"]
-        rows = arrays["rows"]
-        if numbers.shape != (22,) or rows.ndim != 2 or rows.shape[1] != len(HISTORY_COLUMNS):
-            raise SampleError(f"{path}: the stored history has a wrong shape {rows.shape}")
+        reason = damage(arrays, sample.count, len(options.segments), len(HISTORY_COLUMNS))
+        if reason:
+            raise SampleError(f"{path}: {reason}")
+        numbers, rows = arrays["run_numbers"], arrays["rows"]
         run = DemRun(sample, options, threads)
         run.motion.stress[:] = arrays["motion_stress"]
         run.motion.measures[:] = arrays["motion_measures"]

@@ -9,12 +9,13 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_ref.neighbours import NearPairs, find_near_pairs
+from dem_ref.neighbours import CellTooSmallError, NearPairs, find_near_pairs
+from dem_ref.sample_checks import unlikely
+from dem_ref.stored_arrays import StoredArrayError, read_stored_arrays
 
 FORMAT = 1
 
@@ -235,6 +236,12 @@ def sample_from_arrays(arrays: dict[str, NDArray], origin: str) -> Sample:
         raise SampleError(f"{origin}: the list of pairs is not a sorted half list of {n} particles")
     kn, ratio, friction = (float(v) for v in get["numbers"])
     pairs = NearPairs(get["first"], get["second"], get["image"], get["tangential"])
+    try:
+        reason = unlikely(get["position"], get["radius"], get["cell"], pairs)
+    except CellTooSmallError as error:
+        reason = str(error)
+    if reason:
+        raise SampleError(f"{origin}: {reason}")
     return Sample(
         get["position"], get["radius"], get["cell"], kn, ratio, friction, get["velocity"], get["spin"], pairs,
         get["strain_rate"], get["strain"], int(get["header"][1]),
@@ -260,11 +267,10 @@ def read_arrays(path: str | Path) -> dict[str, NDArray]:
         If the file is missing or not such a file.
     """
     try:
-        with np.load(Path(path), allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
+        return read_stored_arrays(Path(path))
     except FileNotFoundError:
         raise SampleError(f"{path}: no such file") from None
-    except (OSError, ValueError, EOFError, BadZipFile, AttributeError) as error:
+    except StoredArrayError as error:
         raise SampleError(f"{path}: not a stored sample ({error})") from None
 
 

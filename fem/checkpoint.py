@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from .results import StageStart, StepResult
+from .stored_arrays import read_stored_arrays
 from .tangent_solver import FactorMemory
 from .vectors import Array
 
@@ -26,8 +26,8 @@ KEPT = 2
 """Checkpoints kept on disk: should the last be damaged, the one before it still serves."""
 
 _NAME = re.compile(r"checkpoint_(\d+)\.npz")
-_DAMAGED = (OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, zipfile.BadZipFile)
-"""What reading a damaged archive raises; RuntimeError where a flipped bit claims encryption."""
+_DAMAGED = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError)
+"""What a file of arrays raises that is no checkpoint, or a damaged one."""
 
 
 class CheckpointError(ValueError):
@@ -74,6 +74,10 @@ class Checkpoint:
 _PARTS = {"result": StepResult, "stage_start": StageStart, "memory": SolverMemory, "factor": FactorMemory}
 
 
+_KINDS = {"int": (int,), "float": (float, int), "str": (str,), "bool": (bool,), "Array": (np.ndarray,)}
+"""What a plain value may be, by its annotation."""
+
+
 def _flat(checkpoint: Checkpoint) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Arrays and plain values under names like `result.stress`."""
     parts = {
@@ -97,8 +101,14 @@ def _built(arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> Checkpoint:
     both = {**plain, **arrays}
 
     def values(part: str, *left_out: str) -> dict[str, Any]:
-        names = [entry.name for entry in fields(_PARTS[part]) if entry.name not in left_out]
-        return {name: both[f"{part}.{name}"] for name in names}
+        found = {}
+        for entry in fields(_PARTS[part]):
+            if entry.name not in left_out:
+                found[entry.name] = value = both[f"{part}.{entry.name}"]
+                kinds = _KINDS.get(str(entry.type))
+                if kinds is not None and type(value) not in kinds:
+                    raise TypeError(f"{part}.{entry.name} is {value!r}")
+        return found
 
     result = values("result", "stage_start")
     result["residuals"] = tuple(result["residuals"])
@@ -177,8 +187,7 @@ class CheckpointFolder:
             If it is damaged, of another format, or of another input.
         """
         try:
-            with np.load(file, allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in archive.files}
+            arrays = read_stored_arrays(file)
             head = json.loads(arrays.pop("text").tobytes().decode())
             version, identity = head["format"], head["identity"]
             checkpoint = _built(arrays, head["plain"]) if version == FORMAT else None

@@ -16,6 +16,10 @@ from .mesh_file import read_raw
 __all__ = ["HostMesh", "MeshError", "build_mesh", "read_mesh", "rectangle"]
 
 
+LARGEST_COORDINATE = 1e60
+"""[m]; beyond, areas and their products leave the range of numbers."""
+
+
 @dataclass(frozen=True)
 class HostMesh:
     """A plane mesh of straight-sided triangles or quadrilaterals.
@@ -94,6 +98,8 @@ def build_mesh(
         raise MeshError("the mesh has no triangles or quadrilaterals")
     if not np.isfinite(points).all():
         raise MeshError("the mesh holds a coordinate that is not finite")
+    if np.abs(points).max() > LARGEST_COORDINATE:
+        raise MeshError(f"the mesh holds the coordinate {np.abs(points).max():g}, beyond {LARGEST_COORDINATE:g} m")
     cells = oriented_cells(points, cells)
     used, inverse = np.unique(cells, return_inverse=True)
     renumber = np.full(len(points), -1, dtype=np.int64)

@@ -8,7 +8,9 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
+from .foreign_files import ForeignFileError, guarded
 from .mesh_checks import MeshError
+from .mesh_file_checks import check_sections
 
 IntArray = NDArray[np.int64]
 RawMesh = tuple[NDArray[np.float64], IntArray, dict[str, IntArray], dict[str, IntArray]]
@@ -33,10 +35,15 @@ def read_raw(path: Path) -> RawMesh:
     if path.suffix.lower() != ".msh":
         raise MeshError(f"a Gmsh file ending in .msh is wanted, not {path.suffix!r}")
     try:
-        raw = meshio.gmsh.read(str(path))
-    except (meshio.ReadError, ValueError, KeyError, IndexError, UnicodeDecodeError, EOFError) as error:
-        reason = str(error).strip().splitlines()
-        raise MeshError(f"it cannot be read as Gmsh MSH 2.2 or 4.1 ({reason[0] if reason else 'damaged'})") from None
+        data = path.read_bytes()
+    except OSError as error:
+        raise MeshError(f"it cannot be read: {error.strerror}") from None
+    check_sections(data)
+    try:
+        with guarded(len(data)):
+            raw = meshio.gmsh.read(str(path))
+    except ForeignFileError as error:
+        raise MeshError(f"it cannot be read as Gmsh MSH 2.2 or 4.1 ({error})") from None
     kinds = [block.type for block in raw.cells]
     for kind in kinds:
         if kind not in _CORNERS and kind not in _LINES and kind not in _IGNORED:
@@ -50,6 +57,7 @@ def read_raw(path: Path) -> RawMesh:
         raise MeshError(f"it mixes element types {', '.join(surface)}; use one")
     points = _plane_points(np.asarray(raw.points, dtype=np.float64))
     cells = np.concatenate([block.data for block in raw.cells if block.type == surface[0]]).astype(np.int64)
+    _refuse_unknown_nodes(raw, len(points))
     _refuse_curved(points, cells, _CORNERS[surface[0]])
     names = {(int(tag), int(dim)): name for name, (tag, dim) in raw.field_data.items()}
     lines = _named(raw, names, _LINES, 1)
@@ -59,6 +67,13 @@ def read_raw(path: Path) -> RawMesh:
         for name, index in lines.items()
     }
     return points, cells[:, : _CORNERS[surface[0]]], pairs, regions
+
+
+def _refuse_unknown_nodes(raw: meshio.Mesh, count: int) -> None:
+    """The reader gives nodes that the file does not define the number -1, which NumPy takes for the last one."""
+    for block in raw.cells:
+        if block.type not in _IGNORED and len(block.data) and not (0 <= block.data.min() <= block.data.max() < count):
+            raise MeshError(f"an element of type {block.type!r} names a node that the file does not define")
 
 
 def _plane_points(points: NDArray[np.float64]) -> NDArray[np.float64]:

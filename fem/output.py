@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -124,6 +125,9 @@ class FieldWriter:
         try:
             entries = ElementTree.parse(path).getroot().iter("DataSet")
             series = [(float(entry.attrib["timestep"]), entry.attrib["file"]) for entry in entries]
+            for _, file in series:
+                if not re.fullmatch(rf"{name}_\d{{1,9}}\.vtu", file):  # never a file elsewhere
+                    raise ValueError(f"{file!r} is no file of this series")
             kept = [(time, file) for time, file in series if keep(int(file.removesuffix(".vtu").rpartition("_")[2]))]
         except (ElementTree.ParseError, KeyError, ValueError):
             raise OutputError(f"{path} is damaged; remove it or choose another output folder") from None

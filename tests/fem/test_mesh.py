@@ -118,9 +118,9 @@ def bad_files(folder):
     (folder / "mesh.vtk").write_text("")
     yield folder / "mesh.vtk", "Gmsh file ending in .msh"
     (folder / "broken.msh").write_text("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0\n")
-    yield folder / "broken.msh", "cannot be read as Gmsh"
+    yield folder / "broken.msh", r"section \$Nodes does not end"
     (folder / "text.msh").write_text("hello\n")
-    yield folder / "text.msh", "cannot be read as Gmsh"
+    yield folder / "text.msh", "holds .* where a section should begin"
     yield write(folder / "bent.msh", three, [("triangle", [[0, 1, 2], [0, 2, 3]], 3)], body), "not plane: z runs from"
     solid = np.vstack([three, [[0.0, 0.0, 1.0]]])
     yield write(folder / "solid.msh", solid, [("tetra", [[0, 1, 2, 4]], 3)], {"body": (3, 3)}), "not a plane mesh"
