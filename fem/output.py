@@ -27,6 +27,9 @@ POINTS = "points"
 _CELL_TYPES = {"P1": "triangle", "P2": "triangle6", "Q1": "quad", "Q2": "quad9"}
 
 
+_Series = list[tuple[float, str]]
+
+
 class OutputError(ValueError):
     """Results cannot be written; the text names the folder and the reason."""
 
@@ -116,12 +119,20 @@ class FieldWriter:
             probe.unlink()
         except OSError as error:
             raise OutputError(f"output folder {self.folder} cannot be written: {error.strerror or error}") from None
-        self._series = {name: self._existing(name, keep) for name in (FIELDS, POINTS)}
+        # both are read before either is changed
+        existing = {name: self._existing(name, keep) for name in (FIELDS, POINTS)}
+        for name, (series, kept) in existing.items():
+            if kept != series:
+                self._write_series(name, kept)
+                for _, file in set(series) - set(kept):
+                    (self.folder / file).unlink(missing_ok=True)
+        self._series = {name: kept for name, (_, kept) in existing.items()}
 
-    def _existing(self, name: str, keep: Callable[[int], bool] | None) -> list[tuple[float, str]]:
+    def _existing(self, name: str, keep: Callable[[int], bool] | None) -> tuple[_Series, _Series]:
+        """Entries of a series on disk, and those of them to keep."""
         path = self.folder / f"{name}.pvd"
         if keep is None or not path.is_file():
-            return []
+            return [], []
         try:
             entries = ElementTree.parse(path).getroot().iter("DataSet")
             series = [(float(entry.attrib["timestep"]), entry.attrib["file"]) for entry in entries]
@@ -134,11 +145,7 @@ class FieldWriter:
         for _, file in kept:
             if not (self.folder / file).is_file():
                 raise OutputError(f"{path} names {file}, which is gone; choose another output folder")
-        if kept != series:
-            self._write_series(name, kept)
-            for _, file in set(series) - set(kept):
-                (self.folder / file).unlink(missing_ok=True)
-        return kept
+        return series, kept
 
     def write(
         self,
@@ -186,7 +193,7 @@ class FieldWriter:
         self._series[name] = series
         self._write_series(name, series)
 
-    def _write_series(self, name: str, series: list[tuple[float, str]]) -> None:
+    def _write_series(self, name: str, series: _Series) -> None:
         lines = [f'    <DataSet timestep="{stamp!r}" part="0" file={quoteattr(entry)}/>' for stamp, entry in series]
         text = "\n".join(
             ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>", *lines]
