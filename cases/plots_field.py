@@ -50,7 +50,8 @@ def draw_field(folder: Path, columns: dict[str, NDArray[Any]], scene: dict[str, 
             left.set_title("Coordination number")
             right.set_title("Fabric anisotropy and direction")
         step, stage = int(columns["step"][-1]), str(columns["stage"][-1])
-        figure.suptitle(f"{scene['title']} (step {step}, stage {stage})", x=0.01, ha="left", fontsize=13, parse_math=False)
+        title = f"{scene['title']} (step {step}, stage {stage})"
+        figure.suptitle(title, x=0.01, ha="left", fontsize=13, parse_math=False)
     return [path]
 
 

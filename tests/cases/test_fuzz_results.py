@@ -18,6 +18,7 @@ from dem_ref.packing import make_packing
 from dem_ref.sample import SampleError, load_sample, sample_arrays, save_sample
 
 SECONDS = 60
+"""A command that takes longer hangs: here they take seconds at most."""
 AMOUNTS = [
     pytest.param(1, id="few"),
     pytest.param(8, id="many", marks=pytest.mark.slow),
@@ -102,7 +103,7 @@ def test_resuming_a_damaged_field_run(
     names = sorted(name for name in content(stopped) if not name.startswith("."))
     names = [name for name in names if name.endswith((".npz", ".csv", ".pvd"))] + ["run.json"]
     resumed = 0
-    for seed in range(15 * amount):
+    for seed in range(12 * amount):
         out = tmp_path / "out"
         damage = damaged(stopped, out, names, [seed, amount, 1])
         before = content(out), (out / "run.json").read_bytes() if (out / "run.json").exists() else b""
@@ -116,11 +117,6 @@ def test_resuming_a_damaged_field_run(
         else:
             assert (content(out), (out / "run.json").read_bytes() if before[1] else b"") == before, damage
     assert resumed > 0
-
-
-@pytest.fixture(scope="module")
-def dem_folders(tmp_path_factory: pytest.TempPathFactory) -> Callable:
-    return lambda: tmp_path_factory.mktemp("dem")
 
 
 @pytest.mark.parametrize("amount", AMOUNTS)
@@ -144,7 +140,7 @@ def test_resuming_a_damaged_dem_run(
             granfabric("dem", "dem_biaxial", *DEM_SET, "-o", stopped)
     names = ["packing.npz", "checkpoint.npz", "run.json", "history.csv"]
     compared = [name for name in content(whole) if name.endswith((".csv", ".vtu", ".pvd"))]
-    for seed in range(8 * amount):
+    for seed in range(3 * amount):
         out = tmp_path / "out"
         damage = damaged(stopped, out, names, [seed, amount, 2])
         before = content(out)
@@ -159,16 +155,19 @@ def test_resuming_a_damaged_dem_run(
 @pytest.mark.parametrize("amount", AMOUNTS)
 def test_drawing_a_damaged_folder(amount: int, granfabric: Callable, field_scene: Path, tmp_path: Path) -> None:
     folders = {"point": tmp_path / "point", "field": tmp_path / "field", "dem": tmp_path / "dem"}
+    if amount == 1:
+        del folders["dem"]  # whose pictures take seconds
     assert granfabric("point", "unload_reload", *POINT_SET, "-o", folders["point"]).code == 0
     assert granfabric("run", field_scene, "-o", folders["field"]).code == 0
-    assert granfabric("dem", "dem_biaxial", *DEM_SET, "-o", folders["dem"]).code == 0
+    if "dem" in folders:
+        assert granfabric("dem", "dem_biaxial", *DEM_SET, "-o", folders["dem"]).code == 0
     for kind, folder in folders.items():
         names = sorted(name for name in content(folder) if name.endswith((".csv", ".pvd", ".npz", ".vtu")))
         last = [name for name in names if name.endswith(".vtu")][-1:] if kind == "field" else []
         names = [name for name in names if not name.endswith(".vtu")] + ["run.json"]
         if kind == "field":
             names += [name for name in content(folder) if name.startswith("result_")][-1:] + last
-        for seed in range((8 if kind == "point" else 5) * amount):
+        for seed in range((3 if kind == "point" else 2) * amount):
             out = tmp_path / "out"
             damage = damaged(folder, out, names, [seed, amount, 3])
             ended(lambda out=out: granfabric("plot", out), f"{kind}: {damage}")
@@ -218,7 +217,7 @@ def packing_of_a_stranger(folder: Path) -> list[tuple[str, Path]]:
     path = folder / "bomb.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in good:
-            archive.writestr(f"{name}.npy", b"\0" * 50_000_000)
+            archive.writestr(f"{name}.npy", b"\0" * 5_000_000)
     made.append(("bomb", path))
     header = b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 2), }"
     path = folder / "claim.npz"
