@@ -26,7 +26,6 @@ from .effects_choice import resolve_effects
 from .groups import check_groups, material_index, named_boundaries
 from .scene import LoadedScene
 
-
 POINTS = {"P1": 1, "P2": 3, "Q1": 4, "Q2": 9}
 """Integration points of an element."""
 BYTES_PER_POINT = 600
