@@ -123,7 +123,7 @@ def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = Fa
 
 def _take_over(folder: Path, record: Record) -> None:
     """Go on with the record of a folder; refuse one that holds no DEM run of the same scene."""
-    earlier = files.read_record(folder)
+    earlier = files.whole_record(folder)
     if earlier is None or earlier.get("kind") != "dem":
         raise InputError(f"{str(folder)!r} holds no DEM run to resume; leave out --resume to begin one")
     for section in ("packing", "path", "rates", "measure", "output"):

@@ -108,9 +108,14 @@ def read_record(folder: Path) -> dict[str, Any] | None:
         data = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return None
-    ours = isinstance(data, dict) and data.get("program") == PROGRAM
+    return data if isinstance(data, dict) and data.get("program") == PROGRAM else None
+
+
+def whole_record(folder: Path) -> dict[str, Any] | None:
+    """The `run.json` of a folder if it is one of ours and holds what a run writes, else None."""
+    data = read_record(folder)
     parts = {"kind": str, "outcome": str, "message": str, "scene": dict, "timing": dict, "versions": dict}
-    return data if ours and all(isinstance(data.get(name), kind) for name, kind in parts.items()) else None
+    return data if data and all(isinstance(data.get(name), kind) for name, kind in parts.items()) else None
 
 
 def check_output(folder: Path) -> None:

@@ -27,7 +27,7 @@ def draw_folder(folder: Path) -> list[Path]:
     InputError
         If the folder is not a result of ours, or nothing was computed yet.
     """
-    record = files.read_record(folder)
+    record = files.whole_record(folder)
     if record is None:
         raise InputError(f"{str(folder)!r} is not a result folder: it has no {files.RECORD} of {files.PROGRAM}")
     if record["kind"] == "verify":

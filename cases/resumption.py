@@ -66,7 +66,7 @@ def earlier_record(folder: Path) -> dict[str, Any]:
     InputError
         If there is none.
     """
-    record = files.read_record(folder)
+    record = files.whole_record(folder)
     if record is None:
         raise InputError(f"--resume: {str(folder)!r} holds no run to go on with (no {files.RECORD} of {files.PROGRAM})")
     return record
