@@ -12,6 +12,7 @@ from . import build, files
 from .accuracy import Choice
 from .effects_choice import resolve_effects
 from .point import legs_of
+from .replay import start_state
 
 FINER = 4
 """Increments of the run that judges another, for each of its increments."""
@@ -52,9 +53,9 @@ def achieved(loaded: Any, folder: Path) -> dict[str, float]:
         directions=max(law.integration.directions, 32),
     )
     legs = [replace(leg, increments=FINER * leg.increments) for leg in legs_of(loaded.scene)]
-    fine = drive(
-        ContactLaw(law.materials, law.closure, law.effects, tighter), loaded.scene.initial.stress, legs
-    ).columns
+    start = start_state(loaded, law.description)
+    fine_law = ContactLaw(law.materials, law.closure, law.effects, tighter)
+    fine = drive(fine_law, loaded.scene.initial.stress, legs, state=start).columns
     exact = {name: values[::FINER] for name, values in fine.items()}
     found = {name: np.array(values) for name, values in files.read_csv(folder / files.HISTORY).items()}
     rows = min(len(found["p"]), len(exact["p"]))

@@ -12,6 +12,7 @@ from .compile_watch import watching
 from .effects_choice import resolve_effects
 from .interruption import stop_wish
 from .record import Record, resolved
+from .replay import start_state
 from .scene import LoadedScene
 from .screen import Screen, spread
 
@@ -62,6 +63,7 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
     loaded.require("point")
     effects = resolve_effects(scene)
     law, legs = build.law(loaded, effects), legs_of(scene)
+    state = start_state(loaded, law.description)
     increments = sum(leg.increments for leg in legs)
     memory.refuse_beyond(BYTES_PER_STEP * increments, f"{loaded.file}: path, {increments} increments in all,")
     files.prepare_output(folder)
@@ -81,14 +83,17 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
                 advance(done, f"step {done} of {of}")
 
             try:
-                history = drive(law, scene.initial.stress, legs, on_step=on_step, stop=stop)
+                history = drive(law, scene.initial.stress, legs, on_step=on_step, stop=stop, state=state)
             except KeyboardInterrupt as error:
                 raise record.broken_off("interrupted within the first step") from error
         record.timing["compilation"] = watch.seconds
         record.timing["path"] -= watch.seconds
         names = list(history.columns)
         rows = list(zip(*(history.columns[name].tolist() for name in names)))
-        files.write_text(folder / files.HISTORY, files.csv_text(names, rows))
+        try:
+            files.write_text(folder / files.HISTORY, files.csv_text(names, rows))
+        except OSError as error:
+            raise record.broken_off(f"results cannot be written: {error}") from error
         record.details["steps"] = len(rows) - 1
         record.outcome = "finished" if history.finished else "stopped" if stop.wished else "failed"
         record.message = history.message

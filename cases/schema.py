@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from .accuracy import Accuracy
 from .schema_base import Control, Increments, Scene, Section, Triple
 from .schema_dem import DemScene
-from .schema_initial import FieldInitial, Initial
+from .schema_initial import FieldInitial, PointInitial
 from .schema_law import ClosureSection, EffectsSection, IntegrationSection, MaterialSection, NamedMaterialSection
 from .schema_mesh import Mesh
 from .schema_stage import Solver, StageSection
@@ -72,7 +72,7 @@ class PointScene(LawScene):
 
     kind: Literal["point"]
     material: MaterialSection
-    initial: Initial
+    initial: PointInitial
     path: Annotated[list[PathLeg], Field(min_length=1, max_length=10_000)]
     output: Output = Output()
 

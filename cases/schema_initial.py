@@ -27,6 +27,23 @@ class Initial(Section):
         return self
 
 
+class PointInitial(Section):
+    """State of a point before any loading; with `state` from the middle of a run, as `failed_point.toml` has it."""
+
+    stress: Triple = Field(description="xx, yy, xy [Pa], tension positive")
+    state: dict[str, float | list[float]] | None = Field(
+        default=None, description="every state variable of the law by name, if not those of the packing"
+    )
+
+    @model_validator(mode="after")
+    def _compressive(self) -> PointInitial:
+        if self.state is None:
+            Initial(stress=self.stress)
+        elif not self.stress[0] / 2 + self.stress[1] / 2 < 0.0:  # in the middle of a run q may exceed p
+            raise ValueError("the initial stress needs a positive mean pressure (tension is positive)")
+        return self
+
+
 class FieldInitial(Initial):
     """State before any loading, everywhere."""
 
