@@ -10,7 +10,7 @@ import numpy as np
 
 from constitutive.parameters import Closure, Integration, Integrator
 
-from .batch import PATH_STRAIN, End, distance, follow, initial_state, law_of, make_batch, rate_evaluations
+from .batch import PATH_STRAIN, End, distance, follow, initial_state, law_of, make_batch
 from .clock import best_of
 from .draw import work_precision
 from .front import cheapest, mark_fronts
@@ -75,7 +75,7 @@ def rows(effort: Effort) -> list[Row]:
         effort.advance(place, total, f"{name}, {number or 'no'} directions")
         end = call()
         errors = np.maximum(distance(end, references[name]), ROUNDING)
-        evaluations = rate_evaluations(end, INTEGRATOR) / points
+        evaluations = end.evaluations / points
         series = "equally spaced directions" if name == "shifted_distribution" else "Gauss points on each arc"
         table.append(
             {

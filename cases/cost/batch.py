@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from constitutive.law import ContactLaw
 from constitutive.parameters import Closure, Integration, Material
 from constitutive.path import Leg, drive
-from constitutive.runge_kutta import TABLEAUS
 
 Array = NDArray[np.float64]
 
@@ -65,6 +64,8 @@ class End:
     accepted, rejected : int
     failed : int
         Points that the law refused.
+    evaluations : int
+        Evaluations of the rates over all points, those of rejected substeps included.
     """
 
     stress: Array
@@ -73,6 +74,7 @@ class End:
     accepted: int
     rejected: int
     failed: int
+    evaluations: int = 0
 
 
 def law_of(integration: Integration, closure: Closure | None = None) -> ContactLaw:
@@ -130,12 +132,13 @@ def follow(law: ContactLaw, batch: Batch, start: Array, increments: int) -> End:
     stress, state = batch.stress.copy(), start.copy()
     stress_end, state_end = np.empty_like(stress), np.empty_like(state)
     increment = np.ascontiguousarray(batch.strain / increments)
-    accepted = rejected = 0
+    accepted = rejected = evaluations = 0
     failed = np.zeros(len(stress), dtype=bool)
     for _ in range(increments):
         report = law.update(increment, stress, state, stress_end, state_end)
         accepted += int(report.substeps.sum())
         rejected += int(report.rejected.sum())
+        evaluations += 0 if report.evaluations is None else int(report.evaluations.sum())
         failed |= report.status > 1
         stress, stress_end = stress_end, stress
         state, state_end = state_end, state
@@ -147,6 +150,7 @@ def follow(law: ContactLaw, batch: Batch, start: Array, increments: int) -> End:
         accepted,
         rejected,
         int(failed.sum()),
+        evaluations,
     )
 
 
@@ -161,8 +165,3 @@ def distance(end: End, reference: End) -> Array:
         ],
         axis=0,
     )
-
-
-def rate_evaluations(end: End, integrator: str) -> int:
-    """Evaluations of the rate equations over all points: stages times attempted substeps."""
-    return TABLEAUS[integrator].b.size * (end.accepted + end.rejected)

@@ -24,7 +24,7 @@ from .clock import one_thread
 from .page import page
 from .study import Effort, Row, Study, StudyError, StudyStopped
 
-RECORD, PAGE = "cost.json", "cost.md"
+RECORD, PAGE, STORE = "cost.json", "cost.md", "dem"
 FORMAT = 1
 KIND = "cost"
 COMPILATION_SECONDS = 60
@@ -84,7 +84,7 @@ def run_cost(name: str | None, folder: Path, screen: Screen, quick: bool = False
         for place, study in enumerate(studies):
             screen.say(f"study {place + 1} of {len(studies)}, {study.name}: {study.question}")
             try:
-                rows, duration = _compute(study, quick, screen, stop)
+                rows, duration = _compute(study, quick, screen, stop, folder / STORE)
             except (StudyStopped, KeyboardInterrupt):
                 return _stopped(studies, done, folder, screen)
             except StudyError as error:
@@ -106,7 +106,7 @@ def _stopped(studies: Sequence[Study], done: Sequence[str], folder: Path, screen
     return Outcome("stopped", tuple(done))
 
 
-def _compute(study: Study, quick: bool, screen: Screen, stop: Any) -> tuple[list[Row], float]:
+def _compute(study: Study, quick: bool, screen: Screen, stop: Any, store: Path) -> tuple[list[Row], float]:
     since = time.perf_counter()
     with screen.progress(study.name, 1.0) as show:
 
@@ -115,7 +115,7 @@ def _compute(study: Study, quick: bool, screen: Screen, stop: Any) -> tuple[list
                 raise StudyStopped
             show(done / total, text)
 
-        rows = study.rows(Effort(quick, QUICK_ROUNDS if quick else ROUNDS, advance))
+        rows = study.rows(Effort(quick, QUICK_ROUNDS if quick else ROUNDS, advance, store))
     return rows, time.perf_counter() - since
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 
 from ..plot_style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, picture
 from .study import Axes, Row
@@ -102,7 +102,10 @@ def _front(axes: Any, members: Sequence[Row], cost: str, mark: str) -> dict[str,
 def _log_axes(axes: Any) -> None:
     axes.set(xscale="log", yscale="log")
     for axis in (axes.xaxis, axes.yaxis):
+        low, high = axis.get_view_interval()
+        # over less than two decades powers of ten alone would say too little
+        short = 0.0 < low < high < 100.0 * low
         axis.set_major_locator(LogLocator(numticks=9))
-        axis.set_minor_formatter(NullFormatter())
+        axis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2, 0.5)) if short else NullFormatter())
     axes.grid(which="minor", visible=False)
     axes.margins(0.06)

@@ -16,6 +16,7 @@ EXTRA = {
     "tangents": ("newton_iterations", "factorisations", "krylov_iterations"),
     "mesh": ("stress_error", "nonzeros", "factorisations"),
     "load_steps": ("newton_iterations", "factorisations", "cuts"),
+    "dem": ("error_coordination", "error_fabric", "packing_seconds"),
 }
 
 

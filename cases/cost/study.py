@@ -34,11 +34,14 @@ class Effort:
         Each time is the best of this many rounds over all settings.
     advance : callable
         ``advance(done, total, text)`` reports progress; raises `StudyStopped` if the user wishes to stop.
+    store : Path
+        Folder for what is expensive and may be used again: DEM packings and runs.
     """
 
     quick: bool = False
     rounds: int = 3
     advance: Callable[[int, int, str], None] = lambda done, total, text: None
+    store: Path = Path("results/cost/dem")
 
 
 @dataclass(frozen=True)
