@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from ..errors import InputError, unknown
-from . import arcs, dem, integrators, load_steps, mesh, tangents
+from . import arcs, closures, dem, distributions, integrators, load_steps, mesh, tangents
 from .study import Study
 
 STUDIES: dict[str, Study] = {
     study.name: study
-    for study in (integrators.STUDY, arcs.STUDY, tangents.STUDY, mesh.STUDY, load_steps.STUDY, dem.STUDY)
+    for study in (
+        integrators.STUDY,
+        arcs.STUDY,
+        distributions.STUDY,
+        tangents.STUDY,
+        mesh.STUDY,
+        load_steps.STUDY,
+        dem.STUDY,
+        closures.STUDY,
+    )
 }
 
 

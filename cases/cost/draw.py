@@ -56,13 +56,8 @@ def work_precision(
                 (("seconds", "on_front", labels.seconds), ("count", "on_front_by_count", labels.count))
             ):
                 axes = grid[place, side]
-                if front:
-                    handles |= _front(axes, members, cost, mark)
-                for name in names:
-                    line = [row for row in members if row["series"] == name]
-                    if line:
-                        handles[name] = _series(axes, line, cost, mark, *looks[name])
-                _log_axes(axes)
+                handles |= panel(axes, members, cost, mark, looks, front)
+                log_axes(axes)
                 letter = "abcdefgh"[2 * place + side]
                 head = labels.facet_titles[facet] if side == 0 else "the same, by count"
                 axes.set(title=f"({letter}) {head}", xlabel=label)
@@ -72,6 +67,31 @@ def work_precision(
             ordered.values(), ordered.keys(), loc="outside lower center", ncols=min(5, len(ordered)), fontsize=9
         )
         figure.suptitle(title, x=0.01, ha="left", fontsize=13)
+
+
+def panel(
+    axes: Any, members: Sequence[Row], cost: str, mark: str, looks: dict[str, tuple[str, str]], front: bool = True
+) -> dict[str, Any]:
+    """Draw series, and their common front, into one panel; handles for the legend by name.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+    members : sequence of Row
+        Of one facet; rows without an error are left out.
+    cost, mark : str
+        Columns of the abscissa and of its front.
+    looks : dict of str to (colour, marker)
+        By series.
+    front : bool
+    """
+    usable = [row for row in members if np.isfinite(row["error"])]
+    handles = _front(axes, usable, cost, mark) if front else {}
+    for name, look in looks.items():
+        line = [row for row in usable if row["series"] == name]
+        if line:
+            handles[name] = _series(axes, line, cost, mark, *look)
+    return handles
 
 
 def _series(axes: Any, line: Sequence[Row], cost: str, mark: str, colour: str, marker: str) -> Any:
@@ -99,13 +119,16 @@ def _front(axes: Any, members: Sequence[Row], cost: str, mark: str) -> dict[str,
     return {FRONT: handle}
 
 
-def _log_axes(axes: Any) -> None:
+def log_axes(axes: Any) -> None:
+    """Logarithmic axes with enough labels."""
     axes.set(xscale="log", yscale="log")
     for axis in (axes.xaxis, axes.yaxis):
         low, high = axis.get_view_interval()
-        # over less than two decades powers of ten alone would say too little
-        short = 0.0 < low < high < 100.0 * low
         axis.set_major_locator(LogLocator(numticks=9))
-        axis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2, 0.5)) if short else NullFormatter())
+        axis.set_minor_formatter(NullFormatter())
+        if 0.0 < low < high < 30.0 * low:
+            # powers of ten alone would say too little
+            axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+            axis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(np.inf, np.inf)))
     axes.grid(which="minor", visible=False)
     axes.margins(0.06)

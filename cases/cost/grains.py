@@ -65,10 +65,11 @@ class GrainStore:
         self.folder = folder
         self._warm = False
 
-    def _path(self, particles: int, seed: int, name: str, content: str = "") -> Path:
+    def path(self, particles: int, seed: int, name: str, content: str = "") -> Path:
+        """Where something about a packing is kept, without suffix; `content` is what else decides the numbers."""
         text = f"{content}\n{kernel_cache_directory().name}"
         mark = hashlib.sha256(text.encode()).hexdigest()[:10]
-        return self.folder / f"{particles}_disks_seed_{seed}_{name}_{mark}"
+        return self.folder / f"{particles}_disks_seed_{seed}_{name.replace(' ', '_')}_{mark}"
 
     def packing(self, particles: int, seed: int, watch: Watch) -> tuple[Sample, float]:
         """A packing and the processor time it took [s].
@@ -77,7 +78,7 @@ class GrainStore:
         ------
         StudyError, StudyStopped
         """
-        path = self._path(particles, seed, "packing")
+        path = self.path(particles, seed, "packing")
         with suppress(SampleError, OSError, ValueError, KeyError):
             return load_sample(path.with_suffix(".npz")), _seconds(path)
         self._compile()
@@ -103,7 +104,7 @@ class GrainStore:
             What was reached is on disk and is gone on with.
         """
         packing, packing_seconds = self.packing(particles, seed, watch)
-        path = self._path(particles, seed, name, options.fingerprint())
+        path = self.path(particles, seed, name, options.fingerprint())
         checkpoint = path.with_suffix(".npz")
         seconds = 0.0
         try:

@@ -13,6 +13,8 @@ SHOWN = ("facet", "series", "setting", "error", "seconds", "count", "on_front")
 EXTRA = {
     "integrators": ("substeps", "rejected"),
     "arcs": ("rate_evaluations",),
+    "distributions": ("difference", "difference_median"),
+    "closures": ("error_coordination", "error_fabric", "scatter_of_packings"),
     "tangents": ("newton_iterations", "factorisations", "krylov_iterations"),
     "mesh": ("stress_error", "nonzeros", "factorisations"),
     "load_steps": ("newton_iterations", "factorisations", "cuts"),
