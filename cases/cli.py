@@ -128,12 +128,13 @@ def cost(
         typer.Option("-o", "--output", metavar="DIR", help="Result folder; studies in it that are not asked for stay."),
     ] = Path("results/cost"),
     quick: Annotated[bool, typer.Option("--quick", help="Few and small settings, for a first look.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Pass over studies that finished in DIR.")] = False,
 ) -> None:
     """Measure what accuracy costs in time: tables, work-precision pictures, one page."""
     from .cost.command import run_cost
     from .screen import Screen
 
-    _exit(run_cost(study, output, Screen(), quick).outcome)
+    _exit(run_cost(study, output, Screen(), quick, resume).outcome)
 
 
 @app.command()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..errors import InputError, unknown
-from . import arcs, closures, dem, distributions, integrators, load_steps, mesh, tangents
+from . import arcs, closures, dem, distributions, footing, integrators, load_steps, mesh, tangents
 from .study import Study
 
 STUDIES: dict[str, Study] = {
@@ -14,6 +14,7 @@ STUDIES: dict[str, Study] = {
         distributions.STUDY,
         tangents.STUDY,
         mesh.STUDY,
+        footing.STUDY,
         load_steps.STUDY,
         dem.STUDY,
         closures.STUDY,

@@ -50,11 +50,14 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     return data if ours and isinstance(data.get("studies"), dict) else None
 
 
-def run_cost(name: str | None, folder: Path, screen: Screen, quick: bool = False) -> Outcome:
+def run_cost(
+    name: str | None, folder: Path, screen: Screen, quick: bool = False, resume: bool = False
+) -> Outcome:
     """Compute the named study, or all, and write table, picture and page.
 
-    What is asked for is always computed anew. Studies that are in the folder already and not asked for stay, with the
-    time at which they were made. A study's files are replaced when it has finished, never before.
+    What is asked for is computed anew, unless `resume` asks to keep what has finished. Studies that are in the folder
+    already and not asked for stay, with the time at which they were made. A study's files are replaced when it has
+    finished, never before; one that cannot be computed does not keep the others from being.
 
     Parameters
     ----------
@@ -65,17 +68,21 @@ def run_cost(name: str | None, folder: Path, screen: Screen, quick: bool = False
     screen : Screen
     quick : bool
         Few and small settings.
+    resume : bool
+        Pass over studies that finished in this folder, in the same size.
 
     Raises
     ------
     InputError
         If there is no such study or the folder holds something else; then nothing was written.
     RunError
-        If a study cannot be computed; those before it are on disk.
+        If a study could not be computed; the others are on disk.
     """
-    studies = chosen(name)
+    asked = chosen(name)
     record = _take_folder(folder)
+    studies = [study for study in asked if not (resume and record["studies"].get(study.name, {}).get("quick") is quick)]
     done: list[str] = []
+    failed: list[str] = []
     with (
         watching(screen.announce_compilation(COMPILATION_SECONDS)),
         stop_wish(lambda: screen.say("stopping (Ctrl-C again stops at once)")) as stop,
@@ -88,7 +95,9 @@ def run_cost(name: str | None, folder: Path, screen: Screen, quick: bool = False
             except (StudyStopped, KeyboardInterrupt):
                 return _stopped(studies, done, folder, screen)
             except StudyError as error:
-                raise RunError(f"study {study.name}: {error}; finished before: {', '.join(done) or 'none'}") from error
+                failed.append(f"study {study.name}: {error}")
+                screen.say(failed[-1])
+                continue
             _write(folder, record, study, rows, duration, quick)
             done.append(study.name)
             for text in record["studies"][study.name]["findings"]:
@@ -96,8 +105,19 @@ def run_cost(name: str | None, folder: Path, screen: Screen, quick: bool = False
     kept = [other for other in record["studies"] if other not in done]
     if kept:
         screen.say(f"kept from earlier: {', '.join(kept)}")
+    if failed:
+        raise RunError(f"{'; '.join(failed)}; finished: {', '.join(done) or 'none'}")
     screen.say(f"page, tables and pictures in {folder / PAGE}")
     return Outcome("finished", tuple(done))
+
+
+def _whole(folder: Path, name: str, entry: Any) -> bool:
+    """Whether an entry of a record is a study of today's, with all its columns and its table."""
+    if name not in STUDIES or not isinstance(entry, dict) or not (folder / f"{name}.csv").is_file():
+        return False
+    rows = entry.get("rows")
+    columns = {column.name for column in STUDIES[name].columns}
+    return isinstance(rows, list) and bool(rows) and all(isinstance(row, dict) and set(row) == columns for row in rows)
 
 
 def _stopped(studies: Sequence[Study], done: Sequence[str], folder: Path, screen: Screen) -> Outcome:
@@ -142,12 +162,10 @@ def _take_folder(folder: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"the output folder {str(folder)!r} cannot be made: {error.strerror}") from error
     if found is None:
+        # from here on the folder is ours, also if the first study does not finish
+        files.write_json(folder / RECORD, empty)
         return empty
-    kept = {
-        name: entry
-        for name, entry in found["studies"].items()
-        if name in STUDIES and isinstance(entry, dict) and (folder / f"{name}.csv").is_file()
-    }
+    kept = {name: entry for name, entry in found["studies"].items() if _whole(folder, name, entry)}
     return {**empty, "studies": kept}
 
 

@@ -14,6 +14,7 @@ EXTRA = {
     "integrators": ("substeps", "rejected"),
     "arcs": ("rate_evaluations",),
     "distributions": ("difference", "difference_median"),
+    "footing": ("mean_pressure", "newton_iterations", "factorisations"),
     "closures": ("error_coordination", "error_fabric", "scatter_of_packings"),
     "tangents": ("newton_iterations", "factorisations", "krylov_iterations"),
     "mesh": ("stress_error", "nonzeros", "factorisations"),

@@ -19,6 +19,8 @@ from cases.cost import clock, command
 from cases.cost.batch import PATH_STRAIN, End, distance, make_batch
 from cases.cost.catalogue import STUDIES
 from cases.cost.clock import best_of
+from cases.cost.footing import extrapolate
+from cases.cost.footing import order as footing_order
 from cases.cost.front import cheapest, mark_fronts, on_front, slope
 from cases.cost.integrators import observed_order
 from cases.cost.load_steps import QUANTITIES
@@ -93,6 +95,17 @@ def test_cheapest_that_is_accurate_enough() -> None:
     assert cheapest(rows, 0.05) is rows[2]
     assert cheapest(rows, 1.0) is rows[0]
     assert cheapest(rows, 1e-9) is None
+
+
+@given(limit=st.floats(-5, 5), size=st.floats(0.1, 2.0), ratio=st.floats(0.05, 0.9))
+def test_extrapolation_finds_the_limit_of_a_power(limit: float, size: float, ratio: float) -> None:
+    values = [limit + size * ratio**level for level in range(4)]
+    assert extrapolate(values) == pytest.approx(limit, abs=1e-9)
+
+
+def test_extrapolation_refuses_what_diverges() -> None:
+    with pytest.raises(StudyError, match="do not converge"):
+        extrapolate([1.0, 2.0, 4.0])
 
 
 def test_best_of_takes_the_least_time_a_call(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,6 +208,51 @@ def test_load_steps_converge_with_order_two(tables: dict) -> None:
         assert load_step_order(tables["load_steps"], quantity) == pytest.approx(2.0, abs=0.2)
 
 
+def test_distributions_meet_in_isotropy_and_part_with_anisotropy(tables: dict) -> None:
+    rows = tables["distributions"]
+    small, large = ([row for row in rows if row["fabric"] == fabric] for fabric in (0.3, 0.9))
+    assert small[0]["difference"] < 0.3 * large[0]["difference"]
+    for members in (small, large):
+        entropy = [row["error"] for row in members if row["distribution"] == "maximum_entropy"]
+        assert entropy == sorted(entropy, reverse=True) and entropy[-1] < 1e-9  # faster than any power
+        assert next(row for row in members if row["directions"] == 0)["error"] <= 1e-12
+
+
+def test_footing_is_limited_by_its_edge(tables: dict) -> None:
+    rows = tables["footing"]
+    # values of another code at n = 35 and 80, twenty steps: between what is found here and its limit
+    limit = rows[0]["mean_pressure"] / (1.0 + rows[0]["error"])
+    assert 5.9 < limit < 6.117
+    for element in ("P1", "Q1", "P2", "Q2"):
+        values = [row["mean_pressure"] for row in rows if row["series"] == element]
+        assert values == sorted(values, reverse=True)  # displacements that are prescribed: too stiff, from above
+        assert footing_order(rows, element) == pytest.approx(1.0, abs=0.3)
+    finest = {row["series"]: row for row in rows}
+    assert finest["P1"]["error"] > 3 * finest["P2"]["error"]  # locking
+
+
+def test_grains_of_more_disks_scatter_less_and_slow_loading_converges(tables: dict) -> None:
+    rows = tables["dem"]
+    single = [row for row in rows if row["facet"] == "disks" and row["packings"] == 1]
+    assert single[0]["error"] > single[-1]["error"] and single[0]["error"] < 0.2
+    rates = [row for row in rows if row["facet"] == "rate"]
+    assert rates[0]["error"] > rates[-1]["error"]
+    counts = [row["count"] for row in rates]
+    assert counts == sorted(counts)  # slower takes more steps
+    for row in rates:
+        # the servo approaches its limit from below and corrects what oversteps
+        assert row["largest_inertial_number"] < 1.2 * row["inertial_number"]
+
+
+def test_state_form_follows_a_loop_of_grains_and_the_source_does_not(tables: dict) -> None:
+    loop = {row["series"]: row for row in tables["closures"] if row["facet"] == "loop"}
+    assert loop["shifted_distribution"]["error"] < 0.3 * loop["mean_field"]["error"]
+    assert loop["mean_field"]["error_coordination"] > 0.1  # it ratchets
+    for closure in loop:
+        values = [row["error"] for row in tables["closures"] if row["series"] == closure and row["facet"] == "loop"]
+        assert max(values) < 1.05 * min(values)  # the tolerance does not matter beside the model
+
+
 @pytest.mark.parametrize("name", ["mesh", "arcs"])
 def test_counts_and_errors_repeat(tables: dict, name: str) -> None:
     with clock.one_thread():
@@ -228,7 +286,7 @@ def test_one_study_is_computed_anew_and_the_others_stay(folder: Path) -> None:
     screen, text = silent_screen()
     done = command.run_cost("mesh", folder, screen, quick=True)
     assert done.studies == ("mesh",)
-    assert "kept from earlier: integrators, arcs, tangents, load_steps" in text.getvalue()
+    assert f"kept from earlier: {', '.join(name for name in STUDIES if name != 'mesh')}" in text.getvalue()
     for name in STUDIES:
         if name != "mesh":
             assert (folder / f"{name}.csv").read_bytes() == before[name]
@@ -243,18 +301,25 @@ def test_finished_studies_survive_the_end_of_the_command(
         raise error("the reference is missing")
 
     mesh = STUDIES["mesh"]
-    studies = [mesh, type(mesh)(**{**mesh.__dict__, "name": "tangents", "rows": broken})]
+    arcs = STUDIES["arcs"]
+    studies = [mesh, type(mesh)(**{**mesh.__dict__, "name": "tangents", "rows": broken}), arcs]
     monkeypatch.setattr(command, "chosen", lambda name: studies)
     screen, text = silent_screen()
     if error is StudyError:
-        with pytest.raises(RunError, match="tangents: the reference is missing; finished before: mesh"):
+        with pytest.raises(RunError, match="tangents: the reference is missing; finished: mesh, arcs"):
             command.run_cost(None, tmp_path / "new", screen, quick=True)
     else:
         done = command.run_cost(None, tmp_path / "new", screen, quick=True)
         assert done.outcome == "stopped" and done.studies == ("mesh",)
-        assert "finished: mesh; not computed: tangents" in text.getvalue()
+        assert "finished: mesh; not computed: tangents, arcs" in text.getvalue()
+    finished = ("mesh", "arcs") if error is StudyError else ("mesh",)
     names = {file.name for file in (tmp_path / "new").iterdir()}
-    assert names == {"mesh.csv", "mesh.png", "cost.json", "cost.md"}
+    assert names == {"cost.json", "cost.md", *(f"{name}.{kind}" for name in finished for kind in ("csv", "png"))}
+    monkeypatch.setattr(command, "chosen", lambda name: [mesh, arcs])
+    before = (tmp_path / "new" / "mesh.csv").read_bytes()
+    again = command.run_cost(None, tmp_path / "new", screen, quick=True, resume=True)
+    assert again.studies == (() if error is StudyError else ("arcs",))
+    assert (tmp_path / "new" / "mesh.csv").read_bytes() == before
 
 
 def test_unknown_study_and_foreign_folder_are_refused(granfabric: Callable, tmp_path: Path) -> None:
