@@ -11,9 +11,13 @@ import skfem
 from numpy.typing import NDArray
 
 from .mesh_checks import MeshError, nearest_name, oriented_cells
+from .mesh_curved import curved_mesh
 from .mesh_file import read_raw
 
 __all__ = ["HostMesh", "MeshError", "build_mesh", "read_mesh", "rectangle"]
+
+CurvedSides = tuple[NDArray[np.int64], NDArray[np.float64]]
+"""Node pairs, shape (n, 2), and where the middle of the side between them lies [m], shape (n, 2)."""
 
 
 LARGEST_COORDINATE = 1e60
@@ -22,7 +26,7 @@ LARGEST_COORDINATE = 1e60
 
 @dataclass(frozen=True)
 class HostMesh:
-    """A plane mesh of straight-sided triangles or quadrilaterals.
+    """A plane mesh of triangles or quadrilaterals.
 
     Parameters
     ----------
@@ -32,11 +36,15 @@ class HostMesh:
         Facet indices of each named curve (also curves inside the domain).
     regions : dict of str to ndarray of int
         Element indices of each named surface.
+    curved : skfem.MeshTri2 or skfem.MeshQuad2, optional
+        The same mesh with curved sides; elements of second order use it as their geometry (isoparametric), those of
+        first order the straight one.
     """
 
     mesh: Any
     boundaries: dict[str, NDArray[np.int64]]
     regions: dict[str, NDArray[np.int64]]
+    curved: Any = None
 
     @property
     def cell(self) -> str:
@@ -73,6 +81,7 @@ def build_mesh(
     cells: NDArray[np.int64],
     lines: dict[str, NDArray[np.int64]] | None = None,
     regions: dict[str, NDArray[np.int64]] | None = None,
+    sides: CurvedSides | None = None,
 ) -> HostMesh:
     """Checked mesh from raw arrays.
 
@@ -86,6 +95,8 @@ def build_mesh(
         Node pairs of each named curve; each pair must be an element edge.
     regions : dict of str to ndarray of int, optional
         Element indices of each named surface.
+    sides : CurvedSides, optional
+        Sides that are not straight; each must be an element edge.
 
     Raises
     ------
@@ -107,26 +118,44 @@ def build_mesh(
     kind = skfem.MeshTri1 if cells.shape[1] == 3 else skfem.MeshQuad1
     corners = np.ascontiguousarray(inverse.reshape(cells.shape).T)
     mesh = kind(np.ascontiguousarray(points[used].T), corners)
-    nodes = mesh.p.shape[1]
-    facet_keys = np.sort(mesh.facets.astype(np.int64), axis=0)
-    keys = facet_keys[0] * nodes + facet_keys[1]
-    order = np.argsort(keys)
+    find = _FacetFinder(mesh, renumber)
     boundaries = {}
     for name, pairs in (lines or {}).items():
-        ends = np.sort(renumber[np.asarray(pairs, dtype=np.int64).reshape(-1, 2)], axis=1)
-        wanted = ends[:, 0] * nodes + ends[:, 1]
-        position = np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)
-        found = order[position]
-        bad = (ends < 0).any(axis=1) | (keys[found] != wanted)
+        pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
+        found, bad = find(pairs)
         if bad.any():
-            a, b = points[np.asarray(pairs).reshape(-1, 2)[int(np.argmax(bad))]]
+            a, b = points[pairs[int(np.argmax(bad))]]
             raise MeshError(
                 f"curve {name!r} has a segment from ({a[0]:.6g}, {a[1]:.6g}) to ({b[0]:.6g}, {b[1]:.6g}) that is not "
                 "the edge of any element"
             )
         boundaries[name] = np.unique(found)
     named = {name: np.unique(np.asarray(index, dtype=np.int64)) for name, index in (regions or {}).items()}
-    return HostMesh(mesh, boundaries, named)
+    curved = None
+    if sides is not None and len(sides[0]):
+        facets, bad = find(sides[0])
+        if bad.any():
+            raise MeshError("a curved side is not the edge of any element")
+        curved = curved_mesh(mesh, facets, sides[1])
+    return HostMesh(mesh, boundaries, named, curved)
+
+
+class _FacetFinder:
+    """Facets of a mesh by the raw numbers of their ends."""
+
+    def __init__(self, mesh: Any, renumber: NDArray[np.int64]) -> None:
+        self._nodes, self._renumber = mesh.p.shape[1], renumber
+        facet_keys = np.sort(mesh.facets.astype(np.int64), axis=0)
+        keys = facet_keys[0] * self._nodes + facet_keys[1]
+        self._order = np.argsort(keys)
+        self._keys = keys[self._order]
+
+    def __call__(self, pairs: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Facet of each pair, and which pairs are no facet."""
+        ends = np.sort(self._renumber[pairs], axis=1)
+        wanted = ends[:, 0] * self._nodes + ends[:, 1]
+        position = np.minimum(np.searchsorted(self._keys, wanted), len(self._keys) - 1)
+        return self._order[position], (ends < 0).any(axis=1) | (self._keys[position] != wanted)
 
 
 def read_mesh(path: str | Path) -> HostMesh:
@@ -135,13 +164,13 @@ def read_mesh(path: str | Path) -> HostMesh:
     Parameters
     ----------
     path : str or Path
-        A `.msh` file of first-order triangles or quadrilaterals in the x-y plane; of elements of higher order with
-        straight sides only the corners are used.
+        A `.msh` file of triangles or quadrilaterals of first or second order in the x-y plane. Curved sides of
+        second-order elements become the geometry of P2 and Q2; P1 and Q1 join their corners by straight lines.
 
     Raises
     ------
     MeshError
-        If the file cannot be read, is not plane, or holds degenerate, inverted, curved or mixed elements.
+        If the file cannot be read, is not plane, or holds degenerate, inverted or mixed elements.
     """
     try:
         return build_mesh(*read_raw(Path(path)))

@@ -13,7 +13,8 @@ from .mesh_checks import MeshError
 from .mesh_file_checks import check_sections
 
 IntArray = NDArray[np.int64]
-RawMesh = tuple[NDArray[np.float64], IntArray, dict[str, IntArray], dict[str, IntArray]]
+Sides = tuple[IntArray, NDArray[np.float64]]
+RawMesh = tuple[NDArray[np.float64], IntArray, dict[str, IntArray], dict[str, IntArray], Sides]
 
 _CORNERS = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "quad9": 4}
 _LINES = ("line", "line3")
@@ -23,7 +24,7 @@ _STRAIGHT = 1e-6
 
 
 def read_raw(path: Path) -> RawMesh:
-    """Points, cells, named node pairs and named elements of a `.msh` file.
+    """Points, cells, named node pairs, named elements and curved sides of a `.msh` file.
 
     Raises
     ------
@@ -58,7 +59,7 @@ def read_raw(path: Path) -> RawMesh:
     points = _plane_points(np.asarray(raw.points, dtype=np.float64))
     cells = np.concatenate([block.data for block in raw.cells if block.type == surface[0]]).astype(np.int64)
     _refuse_unknown_nodes(raw, len(points))
-    _refuse_curved(points, cells, _CORNERS[surface[0]])
+    sides = _curved_sides(points, cells, _CORNERS[surface[0]])
     names = {(int(tag), int(dim)): name for name, (tag, dim) in raw.field_data.items()}
     lines = _named(raw, names, _LINES, 1)
     regions = _named(raw, names, (surface[0],), 2)
@@ -66,7 +67,7 @@ def read_raw(path: Path) -> RawMesh:
         name: np.concatenate([block.data[:, :2] for block in raw.cells if block.type in _LINES])[index].astype(np.int64)
         for name, index in lines.items()
     }
-    return points, cells[:, : _CORNERS[surface[0]]], pairs, regions
+    return points, cells[:, : _CORNERS[surface[0]]], pairs, regions, sides
 
 
 def _refuse_unknown_nodes(raw: meshio.Mesh, count: int) -> None:
@@ -85,19 +86,17 @@ def _plane_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return points[:, :2]
 
 
-def _refuse_curved(points: NDArray[np.float64], cells: IntArray, corners: int) -> None:
-    """Elements of higher order are accepted only where their midside nodes lie in the middle of straight sides."""
-    if cells.shape[1] < 2 * corners:
-        return
-    for side in range(corners):
-        start, end = points[cells[:, side]], points[cells[:, (side + 1) % corners]]
-        off = np.linalg.norm(points[cells[:, corners + side]] - (start + end) / 2, axis=1)
+def _curved_sides(points: NDArray[np.float64], cells: IntArray, corners: int) -> tuple[IntArray, NDArray[np.float64]]:
+    """Sides of second-order elements whose midside node is not in the middle between their ends."""
+    pairs, middles = [np.empty((0, 2), dtype=np.int64)], [np.empty((0, 2))]
+    for side in range(corners if cells.shape[1] >= 2 * corners else 0):
+        ends = cells[:, [side, (side + 1) % corners]]
+        start, end, middle = points[ends[:, 0]], points[ends[:, 1]], points[cells[:, corners + side]]
+        off = np.linalg.norm(middle - (start + end) / 2, axis=1)
         curved = off > _STRAIGHT * np.linalg.norm(end - start, axis=1)
-        if curved.any():
-            raise MeshError(
-                f"element {int(np.argmax(curved)) + 1} has a curved side; only straight-sided elements are supported "
-                "(write the mesh with first-order elements)"
-            )
+        pairs.append(ends[curved])
+        middles.append(middle[curved])
+    return np.concatenate(pairs), np.concatenate(middles)
 
 
 def _named(

@@ -74,11 +74,13 @@ class Space:
         self.host_mesh = host_mesh
         self.element = element
         self.order = int(element[1])
+        # Isoparametric: sides are as curved as the element can represent.
+        self._geometry = host_mesh.mesh if self.order == 1 or host_mesh.curved is None else host_mesh.curved
         self.quadrature_degree = degree if quadrature_degree is None else int(quadrature_degree)
         self._scalar_element = kind()
         quadrature = _CENTROID if cell == "triangle" and self.quadrature_degree <= 1 else None
         basis = skfem.CellBasis(
-            host_mesh.mesh, self._scalar_element, intorder=self.quadrature_degree, quadrature=quadrature
+            self._geometry, self._scalar_element, intorder=self.quadrature_degree, quadrature=quadrature
         )
         self._scalar_dofs = basis.dofs
         self.nodes = np.ascontiguousarray(basis.doflocs.T)
@@ -183,7 +185,7 @@ class Space:
         facets = self.host_mesh.facets(name)
         if (self.host_mesh.mesh.f2t[1, facets] != -1).any():
             raise MeshError(f"boundary {name!r} lies inside the domain, so that a traction on it has no outward side")
-        basis = skfem.FacetBasis(self.host_mesh.mesh, self._scalar_element, facets=facets, intorder=2 * self.order + 1)
+        basis = skfem.FacetBasis(self._geometry, self._scalar_element, facets=facets, intorder=2 * self.order + 1)
         place = _point_major(np.asarray(basis.global_coordinates()))
         normal = _point_major(np.broadcast_to(np.asarray(basis.normals), (2, *basis.dx.shape)))
         value = np.asarray(traction(place[:, 0], place[:, 1], normal[:, 0], normal[:, 1]), dtype=np.float64)
