@@ -138,6 +138,34 @@ def cost(
 
 
 @app.command()
+def convergence(
+    scene: SceneArgument,
+    refine: Annotated[
+        str, typer.Option("--refine", metavar="N,N,...", help="Factors on the numbers of cells, ascending.")
+    ] = "1,2,4",
+    output: OutputOption = None,
+    assignments: SetOption = None,
+) -> None:
+    """Compare a scene with its closed form on finer and finer meshes, at constant stiffness."""
+    from .convergence import run_convergence
+    from .screen import Screen
+
+    factors = refine.split(",")
+    if not all(factor.isdecimal() for factor in factors):
+        raise InputError(f"--refine {refine!r} is not a list of numbers such as 1,2,4")
+    name = f"{Path(scene).stem}_convergence"
+    run_convergence(scene, assignments or [], [int(factor) for factor in factors], _folder(output, name), Screen())
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON schema of scene files, from which editors take completion and checks."""
+    from .schema import schema_text
+
+    typer.echo(schema_text(), nl=False)
+
+
+@app.command()
 def scenes(
     name: Annotated[Optional[str], typer.Argument(metavar="[NAME]", help="Show the text of this scene.")] = None,  # noqa: UP045
     copy: Annotated[

@@ -79,6 +79,11 @@ class FieldRecorder:
         self._written = done if self._due(done) else -1
         self._show(self._last)
 
+    @property
+    def last(self) -> StepResult:
+        """The last accepted step, or the initial state."""
+        return self._last
+
     def _due(self, step: int) -> bool:
         return step % self._every == 0
 

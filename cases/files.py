@@ -15,18 +15,19 @@ from .errors import InputError
 
 RECORD = "run.json"
 HISTORY = "history.csv"
+COMPARISON = "closed_form.csv"
 SCENE = "scene.toml"
 PACKING = "packing.npz"
 CHECKPOINT = "checkpoint.npz"
 MATERIAL = "material.toml"
 PICTURES = (
     *("overview.png", "microvariables.png", "fabric_decomposition.png", "packing.png", "distributions.png"),
-    *(f"figure_{number}.png" for number in range(1, 5)),
+    *("closed_form.png", *(f"figure_{number}.png" for number in range(1, 5))),
 )
 SERIES = ("result", "points", "particles", "contacts")
 OWN_FILES = (
     *(RECORD, HISTORY, SCENE, "failed_point.toml", PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
-    *(MATERIAL, "verify.csv", "verify.md", *(f"{name}.pvd" for name in SERIES), *PICTURES),
+    *(MATERIAL, COMPARISON, "verify.csv", "verify.md", *(f"{name}.pvd" for name in SERIES), *PICTURES),
 )
 CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
 OWN_PATTERNS = (".granfabric-*", ".result*", ".points*", *CHECKPOINTS, *(f"{name}_*.vtu" for name in SERIES))

@@ -13,7 +13,7 @@ from fem.mesh import HostMesh
 from .errors import unknown
 from .scene import LoadedScene
 
-BOUNDARY_LOADS = ("fixed", "displacement", "pressure", "traction")
+BOUNDARY_LOADS = ("fixed", "displacement", "pressure", "traction", "closed_form")
 
 
 def _named(scene: Any) -> Iterator[tuple[list[Any], str, str]]:

@@ -85,4 +85,9 @@ def draw(folder: Path, scene: dict[str, Any]) -> list[Path]:
         return draw_dem(folder, columns, scene)
     from .plots_field import draw_field
 
-    return draw_field(folder, columns, scene)
+    pictures = draw_field(folder, columns, scene)
+    if (folder / files.COMPARISON).is_file():
+        from .plots_comparison import draw_comparison
+
+        pictures += draw_comparison(folder, scene)
+    return pictures

@@ -17,7 +17,7 @@ from fem.output import OutputError
 from fem.results import RunSummary
 from fem.stepping import solve
 
-from . import files, resumption
+from . import comparison, files, resumption
 from .compile_watch import CompileWatch, watching
 from .early_kernels import EarlyKernels
 from .errors import InputError
@@ -124,6 +124,8 @@ def run_field(
         if summary.failed_point is not None and record.outcome == "failed":
             write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
         record.timing["compilation"] = watch.seconds + waited
+        if record.outcome == "finished" and loaded.scene.closed_form is not None:
+            comparison.write(folder, record, comparison.compare(loaded, problem, recorder.last))
         record.write()
         if loaded.scene.output.pictures:
             from .plots import draw
@@ -134,6 +136,7 @@ def run_field(
         if record.outcome == "finished":
             checkpoints.remove()
     _report(history, summary, record, screen)
+    comparison.report(record, screen)
     return record
 
 

@@ -4,21 +4,35 @@ Unknown keys are refused, and nothing is converted: a number in quotes is not a 
 units; stresses and strains are tension positive, components in the order xx, yy, xy.
 """
 
-# ruff: noqa: RUF012  (pydantic copies the default lists of its models)
-
 from __future__ import annotations
 
+import json
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, TypeAdapter, model_validator
 
 from .accuracy import Accuracy
 from .schema_base import Control, Increments, Scene, Section, Triple
+from .schema_closed_form import ClosedForm
 from .schema_dem import DemScene
-from .schema_initial import FieldInitial, PointInitial
+from .schema_initial import FieldInitial, PointInitial, RandomState
 from .schema_law import ClosureSection, EffectsSection, IntegrationSection, MaterialSection, NamedMaterialSection
 from .schema_mesh import Mesh
 from .schema_stage import Solver, StageSection
+
+MapName = Literal[
+    "coordination",
+    "coordination_change",
+    "fabric_anisotropy",
+    "mean_pressure",
+    "stress_ratio",
+    "stress_xx",
+    "stress_yy",
+    "stress_xy",
+    "displacement_x",
+    "displacement_y",
+]
+"""Fields that the picture of a field run may show; `plots_maps.py` knows how."""
 
 
 class PathLeg(Section):
@@ -33,7 +47,7 @@ class PathLeg(Section):
     rotation_degrees: Annotated[float, Field(ge=-36_000, le=36_000)] | None = Field(
         default=None, description="turn of the principal stress axes over the leg, anticlockwise"
     )
-    increments: Increments = 20
+    increments: Increments = Field(default=20, description="equal increments of the leg")
 
     @model_validator(mode="after")
     def _one_way(self) -> PathLeg:
@@ -50,7 +64,18 @@ class Output(Section):
     every: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
         default=1, description="fields every so many steps, and the last"
     )
-    pictures: bool = True
+    pictures: bool = Field(default=True, description="draw at the end of the run")
+
+
+class FieldOutput(Output):
+    """What a field run writes besides history.csv and run.json, and what its picture shows."""
+
+    maps: Annotated[list[MapName], Field(max_length=4)] = Field(
+        default=[], description="fields of the last step that are drawn; chosen by what varies if not given"
+    )
+    curve: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=2, max_length=2)] | None = Field(
+        default=None, description="two columns of history.csv, abscissa and ordinate, of the first curve"
+    )
 
 
 class LawScene(Scene):
@@ -62,32 +87,34 @@ class LawScene(Scene):
     accuracy: Accuracy | None = Field(
         default=None, description="chooses integrator, tolerances and directions where the scene leaves them open"
     )
-    closure: ClosureSection = ClosureSection()
-    effects: EffectsSection = EffectsSection()
-    integration: IntegrationSection = IntegrationSection()
+    closure: ClosureSection = Field(default=ClosureSection(), description="how the change of forces is closed")
+    effects: EffectsSection = Field(default=EffectsSection(), description="mechanisms: true, false or auto")
+    integration: IntegrationSection = Field(default=IntegrationSection(), description="numerics at a point")
 
 
 class PointScene(LawScene):
     """One material point along a path of stress or strain."""
 
-    kind: Literal["point"]
-    material: MaterialSection
-    initial: PointInitial
-    path: Annotated[list[PathLeg], Field(min_length=1, max_length=10_000)]
-    output: Output = Output()
+    kind: Literal["point"] = Field(description="for `granfabric point`")
+    material: MaterialSection = Field(description="the granular material")
+    initial: PointInitial = Field(description="state before any loading")
+    path: Annotated[list[PathLeg], Field(min_length=1, max_length=10_000)] = Field(description="legs of the path")
+    output: Output = Field(default=Output(), description="what is written")
 
 
 class FieldScene(LawScene):
     """A boundary-value problem."""
 
-    kind: Literal["field"]
-    material: MaterialSection | None = None
-    materials: dict[str, NamedMaterialSection] = {}
-    mesh: Mesh
-    initial: FieldInitial
-    stage: Annotated[list[StageSection], Field(min_length=1, max_length=1000)]
-    solver: Solver = Solver()
-    output: Output = Output()
+    kind: Literal["field"] = Field(description="for `granfabric run`")
+    material: MaterialSection | None = Field(default=None, description="the granular material, if there is one")
+    materials: dict[str, NamedMaterialSection] = Field(default={}, description="several materials by name")
+    mesh: Mesh = Field(description="mesh and element")
+    initial: FieldInitial = Field(description="state before any loading")
+    random_state: RandomState | None = Field(default=None, description="random initial coordination number")
+    stage: Annotated[list[StageSection], Field(min_length=1, max_length=1000)] = Field(description="stages of loading")
+    closed_form: ClosedForm | None = Field(default=None, description="closed form that the run is compared with")
+    solver: Solver = Field(default=Solver(), description="global iteration and load stepping")
+    output: FieldOutput = Field(default=FieldOutput(), description="what is written and drawn")
 
     @model_validator(mode="after")
     def _materials(self) -> FieldScene:
@@ -95,14 +122,32 @@ class FieldScene(LawScene):
             raise ValueError("a field scene needs either [material] or one [materials.NAME] for each region")
         return self
 
+    @model_validator(mode="after")
+    def _form_is_given(self) -> FieldScene:
+        if self.closed_form is None and any(stage.closed_form for stage in self.stage):
+            raise ValueError("a stage takes the traction of a closed form, but the scene has no [closed_form]")
+        return self
+
 
 MODELS: dict[str, type[Scene]] = {"point": PointScene, "field": FieldScene, "dem": DemScene}
 """Model of each kind of scene; a new kind is added here."""
 
 
+SCHEMA_FILE = "schema.json"
+
+
 def json_schema() -> dict[str, Any]:
     """JSON schema of all kinds of scene, for editors."""
-    from pydantic import TypeAdapter
-
     union: Any = Annotated[PointScene | FieldScene | DemScene, Field(discriminator="kind")]
-    return TypeAdapter(union).json_schema()
+    schema = TypeAdapter(union).json_schema()
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "granfabric scene",
+        "description": "SI units; stresses and strains tension positive, components in the order xx, yy, xy.",
+        **schema,
+    }
+
+
+def schema_text() -> str:
+    """The file `cases/schema.json`; `granfabric schema > cases/schema.json` renews it."""
+    return json.dumps(json_schema(), indent=1) + "\n"

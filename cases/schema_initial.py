@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from .schema_base import Section, Triple
+from .schema_base import Pair, Positive, Section, Triple
 
 
 class Initial(Section):
@@ -16,6 +17,8 @@ class Initial(Section):
 
     @model_validator(mode="after")
     def _compressive(self) -> Initial:
+        if not self._homogeneous():
+            return self
         xx, yy, xy = self.stress
         pressure, deviator = -(xx / 2 + yy / 2), math.hypot(xx / 2 - yy / 2, xy)
         if not pressure > deviator:
@@ -25,6 +28,9 @@ class Initial(Section):
                 "[-100e3, -100e3, 0.0]"
             )
         return self
+
+    def _homogeneous(self) -> bool:
+        return True
 
 
 class PointInitial(Section):
@@ -45,6 +51,28 @@ class PointInitial(Section):
 
 
 class FieldInitial(Initial):
-    """State before any loading, everywhere."""
+    """State before any loading, everywhere. With a gradient, `stress` holds at the `reference_point`."""
 
+    stress_gradient_x: Triple = Field(default=[0.0, 0.0, 0.0], description="rise of xx, yy, xy along x [Pa/m]")
+    stress_gradient_y: Triple = Field(
+        default=[0.0, 0.0, 0.0],
+        description="rise of xx, yy, xy along y [Pa/m]; of yy the unit weight, where the ground is level",
+    )
+    reference_point: Pair = Field(default=[0.0, 0.0], description="where `stress` holds: x, y [m]")
     balance: bool = Field(default=False, description="balance the initial stress by constant reference forces")
+
+    def _homogeneous(self) -> bool:
+        return not any(self.stress_gradient_x) and not any(self.stress_gradient_y)
+
+
+class RandomState(Section):
+    """Random variation of the initial coordination number about that of the material, from place to place."""
+
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = Field(description="the same seed gives the same specimen")
+    standard_deviation: Annotated[float, Field(ge=0.0, le=2.0)] = Field(description="of the coordination number z")
+    correlation_length: Annotated[list[Positive], Field(min_length=2, max_length=2)] = Field(
+        description="along x and y [m]"
+    )
+    correlation: Literal["gaussian", "exponential"] = Field(
+        default="gaussian", description="exp(-d^2) or exp(-d), d being the distance over the correlation length"
+    )

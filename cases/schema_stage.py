@@ -9,43 +9,48 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from .schema_base import Increments, Line, Pair, Section
+from .schema_closed_form import ClosedFormLoad
 
 Component = Literal["x", "y"]
+Components = Annotated[list[Component], Field(min_length=1, max_length=2, description="directions that are held")]
+Boundary = Annotated[str, Field(description="physical curve of the mesh, or the name of a part of one")]
 
 
 class FixedLoad(Section):
     """Components of the displacement of a boundary held where they are at the start of the stage."""
 
-    boundary: str
-    components: Annotated[list[Component], Field(min_length=1, max_length=2)] = ["x", "y"]
+    boundary: Boundary
+    components: Components = ["x", "y"]
 
 
 class FixedPointLoad(Section):
     """The node nearest to a point held where it is, to stop a rigid motion."""
 
     point: Pair = Field(description="x, y [m]")
-    components: Annotated[list[Component], Field(min_length=1, max_length=2)] = ["x", "y"]
+    components: Components = ["x", "y"]
 
 
 class DisplacementLoad(Section):
     """One component of the displacement of a boundary, at the end of the stage."""
 
-    boundary: str
-    component: Component
-    value: float = Field(description="[m], from the unloaded shape")
+    boundary: Boundary
+    component: Component = Field(description="direction of the displacement")
+    value: float = Field(description="[m], from the unloaded shape; with a gradient, at the origin")
+    gradient: Pair = Field(default=[0.0, 0.0], description="rise of the value along x and y [-]")
 
 
 class PressureLoad(Section):
     """Pressure on a boundary, compression positive, at the end of the stage."""
 
-    boundary: str
-    value: float = Field(description="[Pa]")
+    boundary: Boundary
+    value: float = Field(description="[Pa]; with a gradient, at the origin")
+    gradient: Pair = Field(default=[0.0, 0.0], description="rise of the pressure along x and y [Pa/m]")
 
 
 class TractionLoad(Section):
     """Force per area on a boundary, at the end of the stage."""
 
-    boundary: str
+    boundary: Boundary
     value: Pair = Field(description="x, y [Pa]")
 
 
@@ -53,7 +58,7 @@ class BodyForceLoad(Section):
     """Force per volume, at the end of the stage."""
 
     value: Pair = Field(description="x, y [N/m3]")
-    region: str | None = None
+    region: str | None = Field(default=None, description="physical surface that carries it; everything if not given")
 
 
 class StageSection(Section):
@@ -62,30 +67,43 @@ class StageSection(Section):
     A first stage named "initial" holds its loads from the outset, in balance with the initial stress.
     """
 
-    name: Annotated[Line, Field(min_length=1, max_length=80)]
-    increments: Increments = 20
+    name: Annotated[Line, Field(min_length=1, max_length=80)] = Field(description="of the stage; names must differ")
+    increments: Increments = Field(default=20, description="load steps to begin with")
     keep: bool = Field(default=True, description="keep what earlier stages set and this one does not name")
-    fixed: list[FixedLoad] = []
-    fixed_point: list[FixedPointLoad] = []
-    displacement: list[DisplacementLoad] = []
-    pressure: list[PressureLoad] = []
-    traction: list[TractionLoad] = []
-    body_force: list[BodyForceLoad] = []
+    fixed: list[FixedLoad] = Field(default=[], description="boundaries held where they are")
+    fixed_point: list[FixedPointLoad] = Field(default=[], description="nodes held where they are")
+    displacement: list[DisplacementLoad] = Field(default=[], description="boundaries moved")
+    pressure: list[PressureLoad] = Field(default=[], description="boundaries under pressure")
+    traction: list[TractionLoad] = Field(default=[], description="boundaries under force per area")
+    body_force: list[BodyForceLoad] = Field(default=[], description="force per volume, for instance gravity")
+    closed_form: list[ClosedFormLoad] = Field(
+        default=[], description="boundaries under the traction of the scene's closed form, beside other loads"
+    )
 
 
 class Solver(Section):
     """Global iteration and load stepping; factors are relative to the nominal step of a stage."""
 
-    linear_solver: Literal["auto", "cholmod", "superlu"] = "auto"
+    linear_solver: Literal["auto", "cholmod", "superlu"] = Field(
+        default="auto", description="direct solver; auto takes the fastest that is installed"
+    )
     tolerance: Annotated[float, Field(ge=1e-15, le=1e-1)] = Field(
         default=1e-8, description="residual over nodal forces"
     )
-    maximum_iterations: Annotated[int, Field(ge=1, le=10_000)] = 12
-    first_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = 1.0
-    smallest_factor: Annotated[float, Field(ge=1e-12, le=1.0)] = 1e-4
-    largest_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = 1.0
-    grow: Annotated[float, Field(ge=1.0, le=100.0)] = 1.5
-    tangent_kind: Literal["propagated", "continuum", "elastic"] = "propagated"
+    maximum_iterations: Annotated[int, Field(ge=1, le=10_000)] = Field(
+        default=12, description="Newton iterations before a step is cut"
+    )
+    first_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = Field(default=1.0, description="first step")
+    smallest_factor: Annotated[float, Field(ge=1e-12, le=1.0)] = Field(
+        default=1e-4, description="step below which the run gives up"
+    )
+    largest_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = Field(default=1.0, description="largest step")
+    grow: Annotated[float, Field(ge=1.0, le=100.0)] = Field(
+        default=1.5, description="growth of the step after an easy one"
+    )
+    tangent_kind: Literal["propagated", "continuum", "elastic"] = Field(
+        default="propagated", description="exact derivative of the update, that of the rates, or the stiffness alone"
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> Solver:

@@ -139,12 +139,15 @@ def _resolve(
     elif isinstance(load, Pressure):
         key = ("pressure", load.boundary)
         pressure = load.value
-        vector = space.traction_vector(
-            load.boundary, lambda x, y, nx, ny: np.stack([-pressure * nx, -pressure * ny], axis=1)
-        )
+
+        def pressing(x: Array, y: Array, nx: Array, ny: Array) -> Array:
+            size = pressure(x, y) if callable(pressure) else pressure
+            return np.stack([-size * nx, -size * ny], axis=1)
+
+        vector = space.traction_vector(load.boundary, pressing)
     else:
         assert isinstance(load, Traction)
-        key = ("traction", load.boundary)
+        key = (load.name, load.boundary)
         vector = space.traction_vector(load.boundary, lambda x, y, nx, ny: _field(load.value, x, y, nx, ny))
     if key in forces:
         raise LoadError(f"stage {stage!r} prescribes the {key[0]} on {key[1]!r} twice")

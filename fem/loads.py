@@ -101,10 +101,13 @@ class Traction:
     value : (float, float) or callable
         Components at the end of the stage [Pa]; a callable gets arrays ``x, y, nx, ny`` (outward normal) and returns
         an array of shape (n, 2).
+    name : str
+        Tractions of different names act on one boundary together; one of the same name replaces the other.
     """
 
     boundary: str
     value: tuple[float, float] | Field
+    name: str = "traction"
 
     def __post_init__(self) -> None:
         if not callable(self.value):
@@ -118,12 +121,12 @@ class Pressure:
     Parameters
     ----------
     boundary : str
-    value : float
-        At the end of the stage [Pa].
+    value : float or callable
+        At the end of the stage [Pa]; a callable gets arrays ``x, y`` and returns an array.
     """
 
     boundary: str
-    value: float
+    value: float | Field
 
     def __post_init__(self) -> None:
         _check_finite(f"pressure on boundary {self.boundary!r}", self.value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,9 @@ from .mesh_curved import curved_mesh
 from .mesh_file import read_raw
 
 __all__ = ["HostMesh", "MeshError", "build_mesh", "read_mesh", "rectangle"]
+
+SAME_PLACE = 1e-9
+"""Distance, relative to the size of the mesh, below which two places are the same."""
 
 CurvedSides = tuple[NDArray[np.int64], NDArray[np.float64]]
 """Node pairs, shape (n, 2), and where the middle of the side between them lies [m], shape (n, 2)."""
@@ -62,6 +66,37 @@ class HostMesh:
         if name not in self.boundaries:
             raise MeshError(f"the mesh has no boundary {name!r}; {nearest_name(name, list(self.boundaries))}")
         return self.boundaries[name]
+
+    def facets_between(
+        self, name: str, x: Sequence[float] | None = None, y: Sequence[float] | None = None
+    ) -> NDArray[np.int64]:
+        """Facets of the named curve between two places.
+
+        Parameters
+        ----------
+        name : str
+        x, y : (float, float), optional
+            From, to [m]; sides of elements have to end there.
+
+        Raises
+        ------
+        MeshError
+            If the mesh has no such curve, or no side of an element lies between, or one lies across an end.
+        """
+        facets = self.facets(name)
+        ends = self.mesh.p[:, self.mesh.facets[:, facets]]
+        allowed = SAME_PLACE * float(np.ptp(self.mesh.p, axis=1).max())
+        inside, at_end = np.ones(ends.shape[1:], dtype=bool), np.zeros(ends.shape[1:], dtype=bool)
+        for axis, between in enumerate((x, y)):
+            if between is not None:
+                inside &= (ends[axis] >= min(between) - allowed) & (ends[axis] <= max(between) + allowed)
+                at_end |= np.abs(ends[axis][..., None] - np.asarray(between)).min(axis=-1) <= allowed
+        whole = inside.all(axis=0)
+        if not whole.any():
+            raise MeshError(f"no side of boundary {name!r} lies between x = {x}, y = {y}")
+        if (inside & ~whole & ~at_end).any():
+            raise MeshError(f"a side of boundary {name!r} lies across an end of x = {x}, y = {y}")
+        return facets[whole]
 
     def cells(self, name: str) -> NDArray[np.int64]:
         """Elements of the named surface.

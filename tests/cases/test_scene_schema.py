@@ -86,7 +86,7 @@ BAD = [
     (POINT, "path=[]", ["path = [] has 0 entries", "at least 1"]),
     (POINT, "kind=pont", ["'pont'", "point, field, dem", "nearest is 'point'"]),
     (POINT, "title=3", ["title = 3 is not a text"]),
-    (FIELD, "mesh.file=a.msh", ["mesh", "either file or rectangle"]),
+    (FIELD, "mesh.file=a.msh", ["mesh", "either file or one of"]),
     (FIELD, "mesh.element=P3", ["mesh.element = 'P3'", "P1, P2, Q1, Q2"]),
     (FIELD, "mesh.element=Q2", ["element Q2 does not fit triangle cells", "P2"]),
     (FIELD, "mesh.rectangle.width=0.0", ["mesh.rectangle.width = 0.0", "(0, inf)"]),
