@@ -10,26 +10,32 @@ from shutil import copy2
 from .errors import InputError, unknown
 
 HOME = Path(__file__).resolve().parent
+SCHEMA = HOME / "schema.json"
+DIRECTIVE = "#:schema "
+"""First words of a comment from which editors (taplo, Even Better TOML) learn where the schema of a file lies."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One shipped scene: its name, kind, one-line title, text and file."""
+    """One shipped scene: its name, kind, heading, one-line title, text and file."""
 
     name: str
     kind: str
+    group: str
     title: str
     description: str
     file: Path
 
 
 def shipped() -> dict[str, Entry]:
-    """All shipped scenes by name, points first."""
+    """All shipped scenes by name, points first, then by heading."""
     entries = []
     for file in HOME.glob("*/*.toml"):
         data = tomllib.loads(file.read_text(encoding="utf-8"))
-        entries.append(Entry(file.stem, data["kind"], data["title"], data.get("description", ""), file))
-    entries.sort(key=lambda entry: (entry.kind != "point", entry.name))
+        entries.append(
+            Entry(file.stem, data["kind"], data.get("group", ""), data["title"], data.get("description", ""), file)
+        )
+    entries.sort(key=lambda entry: (entry.kind != "point", entry.kind, entry.group, entry.name))
     return {entry.name: entry for entry in entries}
 
 
@@ -64,6 +70,8 @@ def find(scene: str) -> Path:
 def copy(name: str, folder: Path) -> list[Path]:
     """Copy a shipped scene with its mesh into a folder to start from; nothing is overwritten.
 
+    The JSON schema comes along, and the scene's first line names it, so that editors know the legal keys.
+
     Returns
     -------
     list of Path
@@ -77,14 +85,24 @@ def copy(name: str, folder: Path) -> list[Path]:
     sources = [file]
     if own_folder:
         sources += sorted(other for other in file.parent.iterdir() if other.is_file() and other != file)
+    schema = folder / SCHEMA.name
+    if not schema.is_file() or schema.read_bytes() != SCHEMA.read_bytes():
+        sources.append(SCHEMA)
     targets = [folder / source.name for source in sources]
     for target in targets:
         if target.exists():
             raise InputError(f"{str(target)!r} exists already and is not overwritten; choose another folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for source, target in zip(sources, targets):
+        for source, target in zip(sources[1:], targets[1:]):
             copy2(source, target)
+        text = file.read_text(encoding="utf-8")
+        targets[0].write_text(f"{DIRECTIVE}{SCHEMA.name}\n" + _without_directive(text), encoding="utf-8")
     except OSError as error:
         raise InputError(f"the folder {str(folder)!r} cannot be written: {error.strerror}") from error
     return targets
+
+
+def _without_directive(text: str) -> str:
+    first, _, rest = text.partition("\n")
+    return rest if first.startswith(DIRECTIVE) else text

@@ -198,9 +198,14 @@ def scenes(
         ("dem", "granfabric dem NAME"),
     ):
         typer.echo(f"{command}")
+        group = ""
         for entry in entries.values():
-            if entry.kind == kind:
-                typer.echo(f"  {entry.name:18} {entry.title}")
+            if entry.kind != kind:
+                continue
+            if entry.group != group:
+                group = entry.group
+                typer.echo(f"  {group}")
+            typer.echo(f"{'    ' if group else '  '}{entry.name:20} {entry.title}")
 
 
 @app.command()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -116,7 +117,7 @@ def run_convergence(
     since = time.perf_counter()
     levels = [solve_level(loaded, factor) for loaded, factor in zip(every, refinements)]
     orders = {
-        name: [None, *(order(coarse, fine, name) for coarse, fine in zip(levels, levels[1:]))]
+        name: [None, *(order(coarse, fine, name) for coarse, fine in pairwise(levels))]
         for name in ("stress_error", "displacement_error")
     }
     rows = [

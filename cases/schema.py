@@ -133,9 +133,6 @@ MODELS: dict[str, type[Scene]] = {"point": PointScene, "field": FieldScene, "dem
 """Model of each kind of scene; a new kind is added here."""
 
 
-SCHEMA_FILE = "schema.json"
-
-
 def json_schema() -> dict[str, Any]:
     """JSON schema of all kinds of scene, for editors."""
     union: Any = Annotated[PointScene | FieldScene | DemScene, Field(discriminator="kind")]

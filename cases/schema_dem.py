@@ -32,8 +32,10 @@ ADMITS: dict[str, tuple[str, ...]] = {
 class Packing(Section):
     """Disks in a periodic cell, compacted without friction, friction switched on afterwards."""
 
-    particles: Annotated[int, Field(ge=50, le=1_000_000)] = 2000
-    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
+    particles: Annotated[int, Field(ge=50, le=1_000_000)] = Field(default=2000, description="number of disks")
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = Field(
+        default=1, description="the same seed gives the same packing"
+    )
     stiffness_to_pressure: Annotated[float, Field(ge=50.0, le=1e6)] = Field(
         default=1e4, description="normal contact stiffness over mean pressure, kn/p"
     )
@@ -41,14 +43,16 @@ class Packing(Section):
     stiffness_ratio: Annotated[float, Field(ge=1e-6, le=1.0)] = Field(default=1.0, description="kt/kn")
     friction: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(default=0.5, description="coefficient after packing")
     diameter_ratio: Annotated[float, Field(ge=1.0, le=5.0)] = Field(default=1.25, description="largest over smallest")
-    distribution: Literal["uniform", "uniform_area", "bidisperse", "monodisperse"] = "uniform"
+    distribution: Literal["uniform", "uniform_area", "bidisperse", "monodisperse"] = Field(
+        default="uniform", description="of the diameters"
+    )
     mean_diameter: Positive = Field(default=1.0, description="[m]")
 
 
 class DemLeg(Section):
     """One leg of loading. Ratios of pressure refer to the packing; directions are those of the major compression."""
 
-    loading: Loading
+    loading: Loading = Field(description="what is driven and what is held")
     stress_ratio: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
         default=None, description="q/p at the end, negative across the direction"
     )
@@ -90,7 +94,9 @@ class DemLeg(Section):
 class Rates(Section):
     """How slow the loading is; the rate adapts to stay below both limits."""
 
-    inertial_number: Annotated[float, Field(ge=1e-12, le=0.1)] = 1e-5
+    inertial_number: Annotated[float, Field(ge=1e-12, le=0.1)] = Field(
+        default=1e-5, description="rate of strain times the time that pressure takes to move a disk by its size"
+    )
     unbalanced_force: Annotated[float, Field(ge=1e-8, le=1.0)] = Field(
         default=3e-4, description="root mean square resultant over the mean contact force"
     )
@@ -99,7 +105,7 @@ class Rates(Section):
 class Measure(Section):
     """Measurement of the inputs of the point law on the packing, written to material.toml."""
 
-    material: bool = True
+    material: bool = Field(default=True, description="measure, and write material.toml")
     rattlers: Literal["included", "excluded"] = Field(
         default="included", description="counting of the coordination number in material.toml"
     )
@@ -120,16 +126,18 @@ class DemOutput(Section):
     every: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
         default=5, description="particles and contacts every so many records, and the last; 0 for none"
     )
-    checkpoint_seconds: Annotated[float, Field(ge=0.0, le=1e6)] = 30.0
-    pictures: bool = True
+    checkpoint_seconds: Annotated[float, Field(ge=0.0, le=1e6)] = Field(
+        default=30.0, description="least time between checkpoints; 0 for one at each record"
+    )
+    pictures: bool = Field(default=True, description="draw at the end of the run")
 
 
 class DemScene(Scene):
     """A sample of disks under loading."""
 
-    kind: Literal["dem"]
-    packing: Packing = Packing()
-    path: Annotated[list[DemLeg], Field(min_length=1, max_length=10_000)]
-    rates: Rates = Rates()
-    measure: Measure = Measure()
-    output: DemOutput = DemOutput()
+    kind: Literal["dem"] = Field(description="for `granfabric dem`")
+    packing: Packing = Field(default=Packing(), description="the disks")
+    path: Annotated[list[DemLeg], Field(min_length=1, max_length=10_000)] = Field(description="legs of the loading")
+    rates: Rates = Field(default=Rates(), description="how slow the loading is")
+    measure: Measure = Field(default=Measure(), description="measurement of the inputs of the point law")
+    output: DemOutput = Field(default=DemOutput(), description="what is written")

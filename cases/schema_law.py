@@ -10,6 +10,7 @@ from pydantic import Field, create_model, model_validator
 from constitutive.effects import Effects
 from constitutive.parameters import Closure, Integration, Material, ParameterError
 
+from .docstrings import parameter_texts
 from .schema_base import Section
 
 
@@ -26,8 +27,10 @@ def _declared_section(name: str, declaration: type, text: str) -> type[Section]:
     """Section with the fields and defaults of a frozen dataclass, which also checks the values."""
     hints = get_type_hints(declaration)
     entries: dict[str, Any] = {}
+    texts = parameter_texts(declaration)
     for entry in fields(declaration):
-        entries[entry.name] = (hints[entry.name], ... if entry.default is MISSING else entry.default)
+        default: Any = ... if entry.default is MISSING else entry.default
+        entries[entry.name] = (hints[entry.name], Field(default, description=texts.get(entry.name)))
 
     def check(section: Any) -> Any:
         try:
@@ -41,7 +44,10 @@ def _declared_section(name: str, declaration: type, text: str) -> type[Section]:
 
 
 def _effects_section() -> type[Section]:
-    entries: dict[str, Any] = dict.fromkeys(Effects.names(), (bool | Literal["auto"], "auto"))
+    texts = parameter_texts(Effects)
+    entries: dict[str, Any] = {
+        name: (bool | Literal["auto"], Field("auto", description=texts.get(name))) for name in Effects.names()
+    }
     return create_model(
         "EffectsSection", __base__=Section, __doc__="Mechanisms: on, off, or decided by the program.", **entries
     )

@@ -28,6 +28,15 @@ def last_file(folder: Path, series: str) -> Path | None:
     InputError
         If the series is damaged or names a file that is gone.
     """
+    return _file(folder, series, -1)
+
+
+def first_file(folder: Path, series: str) -> Path | None:
+    """The first file that ``SERIES.pvd`` names; see `last_file`."""
+    return _file(folder, series, 0)
+
+
+def _file(folder: Path, series: str, place: int) -> Path | None:
     path = folder / f"{series}.pvd"
     if not path.is_file():
         return None
@@ -37,11 +46,11 @@ def last_file(folder: Path, series: str) -> Path | None:
         raise InputError(f"{path} is damaged") from error
     if not names:
         return None
-    if not re.fullmatch(rf"{series}_\d{{1,9}}\.vtu", names[-1]):
-        raise InputError(f"{path} is damaged: it names {names[-1]!r}")
-    file = folder / names[-1]
+    if not re.fullmatch(rf"{series}_\d{{1,9}}\.vtu", names[place]):
+        raise InputError(f"{path} is damaged: it names {names[place]!r}")
+    file = folder / names[place]
     if not file.is_file():
-        raise InputError(f"{path} names {names[-1]!r}, which does not exist")
+        raise InputError(f"{path} names {names[place]!r}, which does not exist")
     return file
 
 

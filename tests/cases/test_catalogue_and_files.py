@@ -35,7 +35,11 @@ def test_an_unknown_scene_names_the_nearest() -> None:
 
 def test_a_copied_scene_is_complete_and_nothing_is_overwritten(tmp_path: Path) -> None:
     point = catalogue.copy("p_constant", tmp_path / "point")
-    assert [file.name for file in point] == ["p_constant.toml"]
+    assert [file.name for file in point] == ["p_constant.toml", "schema.json"]
+    assert point[0].read_text().splitlines()[0] == "#:schema schema.json"
+    assert point[1].read_bytes() == catalogue.SCHEMA.read_bytes()
+    assert [file.name for file in catalogue.copy("isotropic", tmp_path / "point")] == ["isotropic.toml"]
+    (tmp_path / "point" / "isotropic.toml").unlink()
     assert catalogue.find(str(tmp_path / "point")) == point[0]
     with pytest.raises(InputError, match="not overwritten"):
         catalogue.copy("p_constant", tmp_path / "point")
