@@ -72,7 +72,7 @@ MAPS: dict[str, Map] = {
         lambda last, first: _magnitude(last, "coordination") - _magnitude(first, "coordination"),
     ),
     "fabric_anisotropy": Map(
-        "Fabric anisotropy and direction",
+        "Fabric and its direction",
         "fabric anisotropy $a_c$ [-]",
         "cividis",
         lambda last, _: _magnitude(last, "fabric_anisotropy"),

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cases.catalogue import shipped
+from cases.catalogue import SCHEMA, shipped
 from cases.errors import InputError, nearest
 from cases.scene import assign, check, load, parse_assignment
-from cases.schema import MODELS, json_schema
+from cases.schema import MODELS, json_schema, schema_text
 from cases.schema_law import EffectsSection, MaterialSection
 from cases.toml_text import to_toml
 from constitutive.effects import Effects
@@ -232,3 +232,42 @@ def test_json_schema_covers_both_kinds() -> None:
     assert set(schema["discriminator"]["mapping"]) == set(MODELS)
     assert schema["$defs"]["MaterialSection"]["properties"]["coordination"]["maximum"] == 6.0
     assert schema["$defs"]["MaterialSection"]["additionalProperties"] is False
+
+
+def test_every_table_and_key_is_described() -> None:
+    schema = json_schema()
+    bare = [name for name, table in schema["$defs"].items() if not table.get("description")]
+    bare += [
+        f"{name}.{key}"
+        for name, table in schema["$defs"].items()
+        for key, entry in table.get("properties", {}).items()
+        if not entry.get("description")
+    ]
+    assert not bare
+
+
+def test_the_shipped_schema_is_current() -> None:
+    message = "renew it with: granfabric schema > cases/schema.json"
+    assert SCHEMA.read_text(encoding="utf-8") == schema_text(), message
+
+
+@pytest.mark.parametrize(
+    ("assignment", "parts"),
+    [
+        ("mesh.refine=0", ["mesh.refine", "[1, 64]"]),
+        (
+            "mesh.ring={inner_radius=2.0, outer_radius=1.0, n_radial=2, n_around=2}",
+            ["outer_radius = 1", "inner_radius"],
+        ),
+        ("stage.0.closed_form=[{boundary='top'}]", ["no [closed_form]"]),
+        ("closed_form.hole_in_plate={radius=-1.0}", ["closed_form.hole_in_plate.radius", "(0, inf)"]),
+        ("closed_form.line=[[0.0, 0.0], [1.0, 0.0]]", ["exactly one of", "hole_in_plate"]),
+        ("random_state={seed=1, standard_deviation=0.1}", ["random_state.correlation_length", "is missing"]),
+        ("output.maps=['pressure']", ["mean_pressure"]),
+    ],
+)
+def test_field_sections_are_refused_with_a_sentence(assignment: str, parts: list[str]) -> None:
+    sentence = refused(FIELD, assignment)
+    assert "\n" not in sentence
+    for part in parts:
+        assert part in sentence, sentence
