@@ -17,7 +17,7 @@ from .errors import InputError
 
 Array = NDArray[np.float64]
 
-DRAWN = ("coordination", "fabric_anisotropy")
+DRAWN = ("coordination", "fabric_anisotropy", "stress", "displacement")
 
 
 def last_file(folder: Path, series: str) -> Path | None:
