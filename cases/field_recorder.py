@@ -68,7 +68,8 @@ class FieldRecorder:
             return
         self._last = resumed.result
         done = self._last.step
-        take_up_history(folder, history, done)
+        # A linear problem passes over the steps between results.
+        take_up_history(folder, history, done, problem.law.description.linear_response)
         try:
             self._writer = FieldWriter(
                 folder, problem.space, problem.law.description, lambda step: step <= done and self._due(step)
@@ -118,8 +119,10 @@ class FieldRecorder:
         self._written = step.step
 
 
-def take_up_history(folder: Path, history: FieldHistory, last: int) -> None:
+def take_up_history(folder: Path, history: FieldHistory, last: int, gaps: bool = False) -> None:
     """Rows of `history.csv` up to a step; what was written beyond it will be computed again.
+
+    With `gaps`, not every step has a row.
 
     Raises
     ------
@@ -131,11 +134,15 @@ def take_up_history(folder: Path, history: FieldHistory, last: int) -> None:
         with path.open(newline="", encoding="utf-8") as file:
             names, *lines = csv.reader(file)
         rows = [[_value(cell) for cell in line] for line in lines[: last + 1]]
+        if gaps:
+            rows = [row for row in rows if row[0] <= last]
         history.take_up(names, rows)
     except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"cannot go on: {path} cannot be used ({error})") from error
     whole = all(len(row) == len(names) for row in rows)
-    if not whole or [row[0] for row in rows] != list(range(last + 1)):
+    steps = [row[0] for row in rows]
+    expected = sorted({0, *steps, last}) if gaps else list(range(last + 1))
+    if not whole or steps != expected:
         raise InputError(f"cannot go on: {path} does not hold the steps 0 to {last}")
 
 

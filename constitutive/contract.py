@@ -86,11 +86,21 @@ class Variable:
 
 @dataclass(frozen=True)
 class LawDescription:
-    """A law as data: read by writers, drivers, schema and docs."""
+    """A law as data: read by writers, drivers, schema and docs.
+
+    Parameters
+    ----------
+    name : str
+    state, parameters : tuple of Variable
+    linear_response : bool
+        The law promises ``stress_end = stress_start + C strain_increment`` with the elastic stiffness C of the initial
+        state, whatever its state does. A host may then solve for displacements first and ask for states afterwards.
+    """
 
     name: str
     state: tuple[Variable, ...]
     parameters: tuple[Variable, ...]
+    linear_response: bool = False
 
     @property
     def nstate(self) -> int:

@@ -39,3 +39,8 @@ class Effects:
     def network_changes(self) -> bool:
         """Whether coordination number and fabric can change at all."""
         return self.contact_loss or self.contact_gain
+
+    @property
+    def linear_response(self) -> bool:
+        """Whether stress depends linearly on strain: the stiffness is that of the initial state and stays so."""
+        return not (self.network_changes and self.stiffness_feedback)

@@ -122,7 +122,9 @@ class ContactLaw:
     @cached_property
     def description(self) -> LawDescription:
         """The law as data."""
-        return LawDescription("contact_gain_loss", self._variables, Material.variables())
+        return LawDescription(
+            "contact_gain_loss", self._variables, Material.variables(), self.effects.linear_response
+        )
 
     def initial_state(
         self,

@@ -41,6 +41,9 @@ class StepControl:
         Keep a factor as preconditioner over iterations and steps; if False, factorise at every solve.
     forcing : float, optional
         Constant relative tolerance of the linear solves; adapted to the progress of Newton's method if not given.
+    report_every : int
+        Where the law's stress response is linear: results every so many steps, and at the end of each stage; steps
+        between are passed over. Other laws report every step.
     """
 
     tolerance: float = 1e-8
@@ -56,6 +59,7 @@ class StepControl:
     linear_solver: str = "auto"
     keep_factor: bool = True
     forcing: float | None = None
+    report_every: int = 1
 
     def __post_init__(self) -> None:
         bounds = {
@@ -68,6 +72,7 @@ class StepControl:
             "grow": (1.0, 100.0),
             "easy_iterations": (0, 10_000),
             "cut": (0.01, 0.99),
+            "report_every": (1, 10_000_000),
         }
         for name, (lower, upper) in bounds.items():
             value = getattr(self, name)

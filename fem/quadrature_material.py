@@ -55,6 +55,7 @@ class QuadratureMaterial:
         self.tangent_end = np.zeros((npoints, 3, 3))
         self._increment = np.zeros((npoints, 3))
         self._displacement_increment = np.empty(assembler.space.ndofs)
+        self._tangent_of_end = False
         self.report: UpdateReport | None = None
         self.committed_report: UpdateReport | None = None
 
@@ -85,7 +86,12 @@ class QuadratureMaterial:
             self._assembler.strain(self._displacement_increment, self._increment)
         return self._call(self.tangent_end, kind)
 
-    def _call(self, tangent: Array, kind: TangentKind) -> UpdateReport:
+    def follow(self, increment: Array) -> UpdateReport:
+        """Trial state under given strain increments, shape (npt, 3), without tangent; one call of the law."""
+        self._increment[:] = increment
+        return self._call(None, "propagated")
+
+    def _call(self, tangent: Array | None, kind: TangentKind) -> UpdateReport:
         with self._accounting.phase("law"):
             self.report = self.law.update(
                 self._increment,
@@ -98,13 +104,15 @@ class QuadratureMaterial:
                 self.material_index,
             )
         self._accounting.law_calls += 1
+        self._tangent_of_end = tangent is self.tangent_end
         return self.report
 
     def commit(self) -> None:
-        """Make the last trial the start of the next step."""
+        """Make the last trial the start of the next step; without a tangent of its own the one before stays."""
         with self._accounting.phase("state"):
             self.stress_start, self.stress_end = self.stress_end, self.stress_start
             self.state_start, self.state_end = self.state_end, self.state_start
-            self.tangent_start, self.tangent_end = self.tangent_end, self.tangent_start
+            if self._tangent_of_end:
+                self.tangent_start, self.tangent_end = self.tangent_end, self.tangent_start
             self.strain_start += self._increment
             self.committed_report = self.report

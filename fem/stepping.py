@@ -17,8 +17,10 @@ from .initial import boundary_sums, named_nodes
 from .linear_solver import FactorisationError
 from .load_program import StageTerms
 from .newton import StepOutcome, newton_step
+from .one_way import OneWayRun
 from .problem import Problem
 from .results import FailedPoint, RunSummary, StageStart, StepResult
+from .stage_start import external_force, stage_start, target_displacement
 
 __all__ = ["ControlError", "FailedPoint", "RunSummary", "StageStart", "StepControl", "StepResult", "solve"]
 
@@ -43,6 +45,8 @@ def solve(
     on_checkpoint: Callable[[Checkpoint], None] | None = None,
 ) -> RunSummary:
     """Run all stages.
+
+    A law with a linear stress response is not iterated on, see `fem.one_way`; all others are, step by step.
 
     Parameters
     ----------
@@ -72,7 +76,8 @@ def solve(
     LinearSolverError
         If the chosen linear solver is not installed.
     """
-    run = _Run(problem, control or StepControl(), on_step, stop, on_checkpoint)
+    kind = OneWayRun if problem.law.description.linear_response else _Run
+    run = kind(problem, control or StepControl(), on_step, stop, on_checkpoint)
     if isinstance(resume, Checkpoint):
         return run.execute(resume.result, resume.memory)
     return run.execute(resume, None)
@@ -148,26 +153,6 @@ class _Run:
         system.refresh_internal_force()
         return names.index(resume.stage)
 
-    def _start_stage(self, index: int, terms: StageTerms) -> StageStart:
-        """Displacements and fading forces at the start of a stage; the reference forces at the start of the run."""
-        system = self._system
-        fading = np.zeros(system.space.ndofs)
-        if index == 0:
-            force_start = self._force_start(index, terms)
-            imbalance = system.internal_force - force_start
-            imbalance[terms.constrained] = 0.0
-            if self._problem.balance_initial_stress:
-                self._reference = imbalance
-            else:
-                fading = imbalance
-        else:
-            released = terms.released
-            fading[released] = (system.internal_force - terms.force_start - self._reference)[released]
-        return StageStart(system.displacement.copy(), fading, self._reference)
-
-    def _force_start(self, index: int, terms: StageTerms) -> Array:
-        return terms.force_end if index == 0 and self._problem.starts_loaded else terms.force_start
-
     def _take_up(self, memory: SolverMemory) -> None:
         """Solvers go on as if they had never stopped."""
         system = self._system
@@ -201,10 +186,15 @@ class _Run:
             if report.failed:
                 return 0.0, f"stage {terms.stage.name!r} starts from a state without a tangent: {report.message}"
         with self._accounting.phase("setup"):
-            start = self._start_stage(index, terms) if resume is None else resume.stage_start
-        system.start_scale(self._reference + self._force_start(index, terms) + start.fading)
-        target = np.where(np.isnan(terms.target), start.displacement[terms.constrained], terms.target)
-        force_start = self._force_start(index, terms)
+            if resume is not None:
+                start = resume.stage_start
+            else:
+                start = stage_start(
+                    self._problem, index, system.displacement, system.internal_force, self._reference
+                )
+                self._reference = start.reference
+        system.start_scale(external_force(self._problem, index, start, 0.0))
+        target = target_displacement(terms, start)
         fraction = 0.0 if resume is None else resume.fraction
         increment = control.first_factor * nominal if resume is None else resume.next_increment
         last_correction: Array | None = None
@@ -222,8 +212,7 @@ class _Run:
             with self._accounting.phase("boundary"):
                 here = start.displacement[terms.constrained]
                 prescribed = here + end * (target - here)
-                external = self._reference + force_start + end * (terms.force_end - force_start)
-                external += (1.0 - end) * start.fading
+                external = external_force(self._problem, index, start, end)
                 guess = None if last_correction is None else last_correction * (tried / last_increment)
             outcome = newton_step(system, prescribed, external, guess)
             iterations += outcome.iterations
