@@ -10,7 +10,7 @@ import numpy as np
 
 from . import build, files
 from .accuracy import Choice
-from .effects_choice import resolve_effects
+from .effects_choice import recorded, resolve_effects, settled
 from .point import legs_of
 from .replay import start_state
 
@@ -44,6 +44,9 @@ def achieved(loaded: Any, folder: Path) -> dict[str, float]:
     from constitutive.law import ContactLaw
     from constitutive.path import drive
 
+    record = files.read_record(folder)
+    assert record is not None
+    loaded = settled(loaded, recorded(loaded.scene, record))
     law = build.law(loaded, resolve_effects(loaded.scene))
     tighter = replace(
         law.integration,

@@ -8,6 +8,7 @@ from constitutive.effects import Effects
 from constitutive.law import ContactLaw
 from constitutive.parameters import Closure, Integration, Material, ParameterError
 
+from .effects_choice import everything
 from .scene import LoadedScene
 
 
@@ -32,7 +33,7 @@ def law(loaded: LoadedScene, effects: Effects) -> ContactLaw:
     try:
         return ContactLaw(
             [material for material, _ in materials(scene)],
-            closure=Closure(**scene.closure.model_dump()),
+            closure=Closure(**{**scene.closure.model_dump(), "force_change": everything(scene).force_change}),
             effects=effects,
             integration=Integration(**scene.integration.model_dump()),
         )

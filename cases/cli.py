@@ -166,6 +166,16 @@ def schema() -> None:
 
 
 @app.command()
+def effects(scene: SceneArgument, assignments: SetOption = None) -> None:
+    """Decide which effects a scene needs, and say why."""
+    from .effects_command import show_effects
+    from .scene import load
+    from .screen import Screen
+
+    show_effects(load(scene, assignments or []), Screen())
+
+
+@app.command()
 def scenes(
     name: Annotated[Optional[str], typer.Argument(metavar="[NAME]", help="Show the text of this scene.")] = None,  # noqa: UP045
     copy: Annotated[

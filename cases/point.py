@@ -7,9 +7,10 @@ from typing import Any
 
 from constitutive.path import Leg, PathHistory, drive
 
-from . import build, files, memory
+from . import build, effects_report, files, memory
 from .compile_watch import watching
 from .effects_choice import resolve_effects
+from .effects_settle import settle_point
 from .interruption import stop_wish
 from .record import Record, resolved
 from .replay import start_state
@@ -59,15 +60,21 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
     RunError
         If the run broke off within the first step; later interruptions wait for its files.
     """
-    scene = loaded.scene
     loaded.require("point")
-    effects = resolve_effects(scene)
-    law, legs = build.law(loaded, effects), legs_of(scene)
-    state = start_state(loaded, law.description)
+    legs = legs_of(loaded.scene)
     increments = sum(leg.increments for leg in legs)
     memory.refuse_beyond(BYTES_PER_STEP * increments, f"{loaded.file}: path, {increments} increments in all,")
+    files.check_output(folder)
+    with watching(screen.announce_compilation(COMPILATION_SECONDS)) as early:
+        loaded, decision = settle_point(loaded)
+    effects_report.announce(decision, None, screen)
+    scene = loaded.scene
+    effects = resolve_effects(scene)
+    law = build.law(loaded, effects)
+    state = start_state(loaded, law.description)
     files.prepare_output(folder)
     record = Record(folder, loaded.name, resolved(loaded, effects))
+    record.details["decision"] = effects_report.as_data(decision)
     record.write()
     total = sum(leg.increments for leg in legs)
     with stop_wish(screen.announce_stop) as stop:
@@ -86,7 +93,7 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
                 history = drive(law, scene.initial.stress, legs, on_step=on_step, stop=stop, state=state)
             except KeyboardInterrupt as error:
                 raise record.broken_off("interrupted within the first step") from error
-        record.timing["compilation"] = watch.seconds
+        record.timing["compilation"] = early.seconds + watch.seconds
         record.timing["path"] -= watch.seconds
         names = list(history.columns)
         rows = list(zip(*(history.columns[name].tolist() for name in names)))

@@ -41,7 +41,7 @@ def resolved(loaded: LoadedScene, effects: Effects | None) -> dict[str, Any]:
     """The scene with all defaults filled in, effects decided and the mesh file as an absolute path."""
     table = loaded.scene.model_dump(exclude_none=True, exclude_defaults=False)
     if effects is not None:
-        table["effects"] = asdict(effects)
+        table["effects"] = {**table["effects"], **asdict(effects)}
     if table.get("mesh", {}).get("file"):
         table["mesh"]["file"] = str((loaded.file.parent / table["mesh"]["file"]).resolve())
     return {"title": table.pop("title"), "kind": table.pop("kind"), **table}

@@ -17,9 +17,10 @@ from fem.output import OutputError
 from fem.results import RunSummary
 from fem.stepping import solve
 
-from . import comparison, files, resumption
+from . import comparison, effects_choice, effects_report, files, resumption
 from .compile_watch import CompileWatch, watching
 from .early_kernels import EarlyKernels
+from .effects_settle import settle_field
 from .errors import InputError
 from .field_history import FieldHistory
 from .field_recorder import FieldRecorder
@@ -68,7 +69,10 @@ def run_field(
     with watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch, stop_wish(screen.announce_stop) as stop:
         files.check_output(folder)
         earlier = resumption.earlier_record(folder) if resume else None
+        effects_choice.check(loaded)
         prepared = prepare(loaded)
+        waited = 0.0 if earlier is not None else _compile(kernels, watch, stop, loaded.scene.output.pictures)
+        loaded, prepared, decision = settle_field(loaded, prepared, earlier, stop())
         problem = prepared.problem
         record = Record(folder, loaded.name, resolved(loaded, prepared.effects))
         digest = resumption.mesh_digest(record.scene)
@@ -93,7 +97,11 @@ def run_field(
             record.write()
         else:
             record.details["resumed_after_step"] = resumed.result.step
-        waited = _compile(kernels, watch, stop, loaded.scene.output.pictures)
+        if earlier is not None:
+            waited = _compile(kernels, watch, stop, loaded.scene.output.pictures)
+        else:
+            record.details["decision"] = effects_report.as_data(decision)
+            effects_report.announce(decision, problem.law.description.linear_response, screen)
         with (
             screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
             record.phase("run"),

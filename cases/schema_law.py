@@ -23,18 +23,22 @@ def _material_section() -> type[Section]:
     return create_model("MaterialSection", __base__=Section, __doc__="One granular material.", **entries)
 
 
-def _declared_section(name: str, declaration: type, text: str) -> type[Section]:
-    """Section with the fields and defaults of a frozen dataclass, which also checks the values."""
+def _declared_section(name: str, declaration: type, text: str, decided: tuple[str, ...] = ()) -> type[Section]:
+    """Section with the fields and defaults of a frozen dataclass, which also checks the values.
+
+    Fields named in `decided` may be "auto".
+    """
     hints = get_type_hints(declaration)
     entries: dict[str, Any] = {}
     texts = parameter_texts(declaration)
     for entry in fields(declaration):
         default: Any = ... if entry.default is MISSING else entry.default
-        entries[entry.name] = (hints[entry.name], Field(default, description=texts.get(entry.name)))
+        hint = hints[entry.name] | Literal["auto"] if entry.name in decided else hints[entry.name]
+        entries[entry.name] = (hint, Field(default, description=texts.get(entry.name)))
 
     def check(section: Any) -> Any:
         try:
-            declaration(**section.model_dump())
+            declaration(**{name: value for name, value in section.model_dump().items() if value != "auto"})
         except ParameterError as error:
             raise ValueError(str(error)) from error
         return section
@@ -48,13 +52,19 @@ def _effects_section() -> type[Section]:
     entries: dict[str, Any] = {
         name: (bool | Literal["auto"], Field("auto", description=texts.get(name))) for name in Effects.names()
     }
+    entries["tolerance"] = (
+        float | None,
+        Field(None, ge=1e-8, le=1.0, description="error that leaving out effects on auto may make"),
+    )
     return create_model(
         "EffectsSection", __base__=Section, __doc__="Mechanisms: on, off, or decided by the program.", **entries
     )
 
 
 MaterialSection: Any = _material_section()
-ClosureSection: Any = _declared_section("ClosureSection", Closure, "How the change of contact forces is closed.")
+ClosureSection: Any = _declared_section(
+    "ClosureSection", Closure, "How the change of contact forces is closed.", ("force_change",)
+)
 IntegrationSection: Any = _declared_section("IntegrationSection", Integration, "Numerics of the update at a point.")
 EffectsSection: Any = _effects_section()
 NamedMaterialSection: Any = create_model(

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-PLAIN_WIDTH = 100
+PLAIN_WIDTH = 130
 """Least width of tables that go to a file or a pipe."""
 
 
@@ -50,11 +50,11 @@ class Screen:
             task = bar.add_task(what, total=total, text="")
             yield lambda completed, text: bar.update(task, completed=completed, text=text)
 
-    def table(self, title: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """Short table, numbers to the right."""
+    def table(self, title: str, names: Sequence[str], rows: Sequence[Sequence[str]], words: Sequence[str] = ()) -> None:
+        """Short table, numbers to the right, columns of words to the left."""
         table = Table(box=None, pad_edge=False)
         for name in names:
-            table.add_column(name, justify="right", no_wrap=True)
+            table.add_column(name, justify="left" if name in words else "right", no_wrap=True)
         for row in rows:
             table.add_row(*row)
         self.console.print(title, markup=False, soft_wrap=True, style="bold")

@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 
 from cases import files
 from cases.screen import Screen
+from constitutive.effects import Effects
 from constitutive.law import ContactLaw
 
 COLUMNS = [
@@ -256,6 +257,9 @@ def test_impatience_does_not_lose_the_history(
     assert history(tmp_path)["step"].tolist() == [0, 1, 2, 3, 4, 5]
 
 
+ALL = ("contact_loss", "contact_gain", "principal_rotation", "stiffness_feedback")
+
+
 def test_two_interruptions_before_the_first_step_is_done_end_at_once(
     granfabric: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -264,7 +268,9 @@ def test_two_interruptions_before_the_first_step_is_done_end_at_once(
         signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(ContactLaw, "update_mixed", update)
-    result = granfabric("point", "p_constant", "-o", tmp_path)
+    # nothing to decide, so that the first call of the law is that of the first step
+    decided = [word for name in Effects.names() for word in ("--set", f"effects.{name}={str(name in ALL).lower()}")]
+    result = granfabric("point", "p_constant", "-o", tmp_path, *decided)
     assert result.code == 1 and "interrupted" in result.err
     assert record(tmp_path)["outcome"] == "stopped"
 

@@ -245,7 +245,9 @@ def test_interruption_leaves_what_was_computed(
 ) -> None:
     monkeypatch.setattr(Screen, "progress", lambda self, what, total: _interrupting("step 3"))
     out = tmp_path / "out"
-    result = granfabric("run", smooth, "-o", out, "--set", "output.every=2", "--set", "output.pictures=true")
+    # without the feedback there would be no step 3: steps between results are passed over
+    settings = ["output.every=2", "output.pictures=true", "effects.stiffness_feedback=true"]
+    result = granfabric("run", smooth, "-o", out, *(word for text in settings for word in ("--set", text)))
     assert result.code == 1 and "stopping after this step" in result.out
     data = record(out)
     assert data["outcome"] == "stopped"
