@@ -10,7 +10,9 @@ import numpy as np
 
 from . import build, files
 from .accuracy import Choice
+from .accuracy_field import load_step_error
 from .effects_choice import recorded, resolve_effects, settled
+from .interruption import stop_wish
 from .point import legs_of
 from .replay import start_state
 
@@ -84,7 +86,11 @@ def announce(loaded: Any, screen: Any) -> None:
 
 
 def report(loaded: Any, record: Any, screen: Any) -> None:
-    """Say and record how accurate a run is: of a point against a tighter run, of a field as measured in the studies."""
+    """Say and record how accurate a run is.
+
+    A point is compared with a tighter run. Of a field: what was measured of the point law with its settings, and the
+    load steps against a run in half as many; the mesh is not judged.
+    """
     choice = loaded.accuracy
     if choice is None or record.outcome != "finished":
         return
@@ -100,12 +106,24 @@ def report(loaded: Any, record: Any, screen: Any) -> None:
         )
     else:
         entry["expected"] = expected(choice)
-        if entry["expected"] is None:
-            screen.say("error estimate: none, because the scene overrides settings for which the error was measured")
-        else:
-            screen.say(
-                f"error estimate {entry['expected']:.1e} of the point law in each increment (measured by `granfabric "
-                "cost`; mesh and load steps not included)"
-            )
+        with record.phase("accuracy"), stop_wish(lambda: screen.say("no estimate of the load steps")) as stop:
+            entry["load_steps"] = load_step_error(loaded, record.folder, stop)
+        screen.say(_field_text(choice, entry, record))
     record.details["accuracy"] = entry
     record.write()
+
+
+def _field_text(choice: Choice, entry: dict[str, Any], record: Any) -> str:
+    """The estimate of a field run in one sentence."""
+    if entry["expected"] is None:
+        law = "point law not known, because the scene overrides settings for which it was measured"
+    else:
+        law = f"point law {entry['expected']:.1e} in each increment (measured by `granfabric cost`)"
+    if entry["load_steps"] is None:
+        return f"error estimate: {law}; mesh and load steps not judged"
+    steps = entry["load_steps"]["largest"]
+    verdict = "" if steps <= choice.wanted else f", more than the {choice.wanted:g} wanted: take more increments"
+    return (
+        f"error estimate: {law}, load steps {steps:.1e} in the means{verdict} (against half as many, "
+        f"{record.timing['accuracy']:.1f} s; the run itself: {record.timing.get('run', 0.0):.1f} s); mesh not judged"
+    )
