@@ -13,7 +13,7 @@ from .accuracy import Choice
 from .accuracy_field import load_step_error
 from .effects_choice import recorded, resolve_effects, settled
 from .interruption import stop_wish
-from .point import legs_of
+from .point_path import legs_of
 from .replay import start_state
 
 FINER = 4

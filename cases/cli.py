@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated, Any, Optional
 
 import typer
 
@@ -40,6 +40,20 @@ SetOption = Annotated[
     Optional[list[str]],  # noqa: UP045
     typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scene, e.g. material.coordination=3.9."),
 ]
+UpgradeOption = Annotated[
+    bool,
+    typer.Option("--upgrade", help="Run again with the effects of which the audit says that they were missing."),
+]
+
+
+def _upgraded(scene: str, given: list[str], record: Any, screen: Any) -> Any:
+    """The scene with what the audit of a run asks for, which is added to the assignments given so far."""
+    from .scene import load
+
+    more = record.details["upgrade"]
+    screen.say(f"running again with {', '.join(more)}")
+    given += more
+    return load(scene, given)
 
 
 def _folder(output: Path | None, name: str) -> Path:
@@ -57,6 +71,7 @@ def run(
     output: OutputOption = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the folder.")] = False,
     assignments: SetOption = None,
+    upgrade: UpgradeOption = False,
 ) -> None:
     """Compute a boundary-value problem."""
     from .early_kernels import early_kernels
@@ -67,24 +82,34 @@ def run(
         from .scene import load
         from .screen import Screen
 
-        loaded, screen = load(scene, assignments or []), Screen()
+        given, screen = list(assignments or []), Screen()
+        loaded = load(scene, given)
         accuracy_report.announce(loaded, screen)
         record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels)
+        while upgrade and record.outcome == "finished" and record.details.get("upgrade"):
+            loaded = _upgraded(scene, given, record, screen)
+            record = run_field(loaded, _folder(output, loaded.name), screen, False, kernels)
         accuracy_report.report(loaded, record, screen)
         _exit(record.outcome)
 
 
 @app.command()
-def point(scene: SceneArgument, output: OutputOption = None, assignments: SetOption = None) -> None:
+def point(
+    scene: SceneArgument, output: OutputOption = None, assignments: SetOption = None, upgrade: UpgradeOption = False
+) -> None:
     """Compute one point along a path of stress or strain."""
     from . import accuracy_report
     from .point import run_point
     from .scene import load
     from .screen import Screen
 
-    loaded, screen = load(scene, assignments or []), Screen()
+    given, screen = list(assignments or []), Screen()
+    loaded = load(scene, given)
     accuracy_report.announce(loaded, screen)
     record = run_point(loaded, _folder(output, loaded.name), screen)
+    while upgrade and record.outcome == "finished" and record.details.get("upgrade"):
+        loaded = _upgraded(scene, given, record, screen)
+        record = run_point(loaded, _folder(output, loaded.name), screen)
     accuracy_report.report(loaded, record, screen)
     _exit(record.outcome)
 

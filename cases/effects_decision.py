@@ -27,6 +27,7 @@ from .effects_numbers import Numbers, numbers, quantile
 from .effects_probe import Paths, ProbeError, field_paths
 from .effects_sample import sample
 from .effects_trial import Trial, differences, drive_point, follow, largest, loosened, shortened, stiffness
+from .point_path import legs_of
 from .prepare import Prepared
 from .scene import LoadedScene
 
@@ -140,8 +141,6 @@ class _Bench:
 
 def decide_point(loaded: LoadedScene, timed: bool = False) -> Decision:
     """Decide a point scene along its own path; if `timed`, also measure what effects cost."""
-    from .point import legs_of
-
     scene = loaded.scene
     law = _base_law(loaded)
     legs = shortened(legs_of(scene))

@@ -14,26 +14,32 @@ SPREAD_POINTS = 56
 def sample(paths: Paths) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Points and the share of the area that each stands for (zero for extremes).
 
-    Points are ordered along a curve that keeps neighbours together (columns of the bounding box, up and down), and
-    taken at equal steps of the area along it.
+    The curve of `spread_over_area` keeps neighbours together: columns of the bounding box, up and down.
     """
     npt = len(paths.weights)
     if npt <= SPREAD_POINTS:
         return np.arange(npt), paths.weights / paths.weights.sum()
-    low, high = paths.places.min(axis=0), paths.places.max(axis=0)
-    size = np.maximum(high - low, 1e-300)
-    columns = max(1, round(np.sqrt(SPREAD_POINTS * size[0] / size[1])))
-    columns = min(columns, SPREAD_POINTS)
-    column = np.minimum(((paths.places[:, 0] - low[0]) / size[0] * columns).astype(int), columns - 1)
-    along = (paths.places[:, 1] - low[1]) / size[1]
-    order = np.lexsort((np.where(column % 2, -along, along), column))
-    total = np.cumsum(paths.weights[order]) / paths.weights.sum()
-    places = np.searchsorted(total, (np.arange(SPREAD_POINTS) + 0.5) / SPREAD_POINTS)
-    chosen = np.unique(order[np.minimum(places, npt - 1)])
+    chosen = spread_over_area(paths.places, paths.weights, SPREAD_POINTS)
     extremes = np.setdiff1d(_extremes(paths), chosen)
     points = np.concatenate([chosen, extremes]).astype(np.int64)
     shares = np.concatenate([np.full(len(chosen), 1.0 / len(chosen)), np.zeros(len(extremes))])
     return points, shares
+
+
+def spread_over_area(places: NDArray[np.float64], weights: NDArray[np.float64], number: int) -> NDArray[np.int64]:
+    """About that many points, or all; ordered along a curve through the bounding box, at equal steps of the area."""
+    npt = len(weights)
+    if npt <= number:
+        return np.arange(npt)
+    low, high = places.min(axis=0), places.max(axis=0)
+    size = np.maximum(high - low, 1e-300)
+    columns = int(np.clip(round(np.sqrt(number * size[0] / size[1])), 1, number))
+    column = np.minimum(((places[:, 0] - low[0]) / size[0] * columns).astype(int), columns - 1)
+    along = (places[:, 1] - low[1]) / size[1]
+    order = np.lexsort((np.where(column % 2, -along, along), column))
+    total = np.cumsum(weights[order]) / weights.sum()
+    found = np.searchsorted(total, (np.arange(number) + 0.5) / number)
+    return np.unique(order[np.minimum(found, npt - 1)])
 
 
 def _extremes(paths: Paths) -> list[int]:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-from constitutive.path import Leg, PathHistory, drive
+from constitutive.path import PathHistory, drive
 
-from . import build, effects_report, files, memory
+from . import build, effects_audit, effects_report, files, memory
 from .compile_watch import watching
 from .effects_choice import resolve_effects
 from .effects_settle import settle_point
 from .interruption import stop_wish
+from .point_path import legs_of
 from .record import Record, resolved
 from .replay import start_state
 from .scene import LoadedScene
@@ -23,18 +23,10 @@ COMPILATION_SECONDS = 45
 BYTES_PER_STEP = 1000
 """Memory that a row of the history takes."""
 
+AUDITED_INCREMENTS = 20_000
+"""Longest path that is gone through again for what was left out."""
+
 TABLE_COLUMNS = ("step", "p", "q", "coordination", "fabric_anisotropy", "normal_force_anisotropy", "mean_normal_force")
-
-
-def legs_of(scene: Any) -> list[Leg]:
-    """Legs of a point scene's path."""
-    made = []
-    for part in scene.path:
-        if part.rotation_degrees is not None:
-            made.append(Leg(rotation_degrees=part.rotation_degrees, increments=part.increments))
-        else:
-            made.append(Leg(control=tuple(part.control), target=tuple(part.target), increments=part.increments))
-    return made
 
 
 def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
@@ -112,6 +104,11 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
             draw(folder, record.scene)
         record.write()
     _report(history, record, screen)
+    if history.finished and state is None and increments <= AUDITED_INCREMENTS:
+        with record.phase("audit"):
+            audit = effects_audit.audit_point(loaded, history)
+        effects_audit.conclude(audit, loaded, record, screen)
+        record.write()
     return record
 
 

@@ -14,10 +14,10 @@ import fem.warm_up
 from fem.checkpoint import Checkpoint, CheckpointError, CheckpointFolder
 from fem.control import ControlError
 from fem.output import OutputError
-from fem.results import RunSummary
+from fem.results import RunSummary, StepResult
 from fem.stepping import solve
 
-from . import comparison, effects_choice, effects_report, files, resumption
+from . import comparison, effects_audit, effects_choice, effects_report, files, resumption
 from .compile_watch import CompileWatch, watching
 from .early_kernels import EarlyKernels
 from .effects_settle import settle_field
@@ -113,10 +113,16 @@ def run_field(
                 )
                 files.remove_unfinished(folder)
                 record.write()
+                ways = effects_audit.Ways(problem)
+
+                def on_step(step: StepResult) -> None:
+                    ways.add(step)
+                    recorder(step)
+
                 summary = solve(
                     problem,
                     prepared.control,
-                    on_step=recorder,
+                    on_step=on_step,
                     stop=stop,
                     resume=resumed,
                     on_checkpoint=recorder.save,
@@ -132,6 +138,10 @@ def run_field(
         if summary.failed_point is not None and record.outcome == "failed":
             write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
         record.timing["compilation"] = watch.seconds + waited
+        audit = None
+        if record.outcome == "finished" and resumed is None:  # else the ways of the first part are not known
+            with record.phase("audit"):
+                audit = effects_audit.audit_field(loaded, problem, ways)
         if record.outcome == "finished" and loaded.scene.closed_form is not None:
             comparison.write(folder, record, comparison.compare(loaded, problem, recorder.last))
         record.write()
@@ -145,6 +155,9 @@ def run_field(
             checkpoints.remove()
     _report(history, summary, record, screen)
     comparison.report(record, screen)
+    if audit is not None:
+        effects_audit.conclude(audit, loaded, record, screen)
+        record.write()
     return record
 
 

@@ -15,7 +15,7 @@ from cases.effects_numbers import numbers, quantile
 from cases.effects_probe import field_paths
 from cases.effects_sample import sample
 from cases.effects_trial import differences, drive_point, largest
-from cases.point import legs_of
+from cases.point_path import legs_of
 from cases.prepare import prepare
 from cases.scene import load
 from constitutive.effects import Effects
