@@ -43,4 +43,4 @@ class Effects:
     @property
     def linear_response(self) -> bool:
         """Whether stress depends linearly on strain: the stiffness is that of the initial state and stays so."""
-        return not (self.network_changes and self.stiffness_feedback)
+        return not (self.network_changes and self.stiffness_feedback) and not getattr(self, "sliding", False)

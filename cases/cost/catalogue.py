@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..errors import InputError, unknown
-from . import arcs, closures, dem, distributions, footing, integrators, load_steps, mesh, tangents
+from . import arcs, closures, decisions, dem, distributions, effects, footing, integrators, load_steps, mesh, tangents
 from .study import Study
 
 STUDIES: dict[str, Study] = {
@@ -18,6 +18,8 @@ STUDIES: dict[str, Study] = {
         load_steps.STUDY,
         dem.STUDY,
         closures.STUDY,
+        effects.STUDY,
+        decisions.STUDY,
     )
 }
 
