@@ -23,12 +23,16 @@ class Effects:
         followed, which is exact where principal axes of stress and fabric stay along x and y.
     stiffness_feedback : bool
         The stiffness follows the coordination number and the fabric. If off, the stiffness of the initial state stays.
+    irreversible_spread : bool
+        The weak forces keep a spread that grows with the largest q/p so far (closure "shifted_distribution"). If off,
+        z and a_c return with the stress.
     """
 
     contact_loss: bool = True
     contact_gain: bool = True
     principal_rotation: bool = True
     stiffness_feedback: bool = True
+    irreversible_spread: bool = True
 
     @classmethod
     def names(cls) -> tuple[str, ...]:

@@ -3,11 +3,13 @@
 import numpy as np
 
 from .compilation import compiled
+from .force_fabric import MU, T1, T2
 from .lanes import (
     C_E,
     C_N,
-    CHI,
+    C_P,
     CHI_P,
+    CLOSURE_FRICTIONAL,
     FLOOR,
     GIVEN,
     KERNEL_OPTIONS,
@@ -22,8 +24,7 @@ from .lanes import (
     START_S1,
     START_S2,
     SUMS,
-    X1,
-    X2,
+    TANGENTIAL,
     L,
     Y,
 )
@@ -43,9 +44,9 @@ from .load_lane import (
     M_Z,
     MICRO,
 )
-from .shifted_distribution import network_of, split_change
+from .shifted_distribution import AC1, AC2, CARRIED1, CARRIED2, SHIFT1, SHIFT2, Z, split_change
 from .stiffness import stress_invariants
-from .weak_force_stage import shift_and_gain
+from .weak_force_stage import network_at, shift_and_gain
 
 
 @compiled(**KERNEL_OPTIONS)
@@ -77,41 +78,25 @@ def finish_point(w, lane, point, mixed, control, options, stress_start, state_st
 
 
 @compiled()
-def network_at_end(w, lane, mixed, control, stress_start, point, numbers, rule, resolved):
+def network_at_end(w, lane, mixed, control, options, stress_start, point, numbers, rule, fabric, resolved):
     """With shifted weak forces: z, a_c of the end state into Y; S_i stays in SLOT. False if there is none."""
     if mixed:
         for i in range(3):
             if control[i] == 1:
                 w[Y + i * L + lane] = stress_start[point, i] + w[GIVEN + i * L + lane]
-    p = -0.5 * (w[Y + lane] + w[Y + L + lane])
+    p, s1, s2 = stress_invariants(w[Y + lane], w[Y + L + lane], w[Y + 2 * L + lane])
     if not p > w[FLOOR + lane]:
         return False
-    x0, gain = shift_and_gain(w, lane, p, numbers[CHI_P])
-    origin = (w[ORIGIN_Z + lane], w[ORIGIN_A1 + lane], w[ORIGIN_A2 + lane])
     spread = w[Y + 3 * L + lane]
-    found = network_of(
-        x0,
-        w[Y + 4 * L + lane],
-        w[Y + 5 * L + lane],
-        spread,
-        w[X1 + lane],
-        w[X2 + lane],
-        origin,
-        w[P_ZERO + lane],
-        gain,
-        numbers[CHI],
-        numbers[C_E],
-        rule[2],
-        rule[3],
-        resolved,
-    )
+    y1, y2 = w[Y + 4 * L + lane], w[Y + 5 * L + lane]
+    found, _, _ = network_at(w, lane, p, s1, s2, spread, y1, y2, options, numbers, rule[2], rule[3], fabric, resolved)
     w[SLOT + lane] = spread
-    w[Y + 3 * L + lane], w[Y + 4 * L + lane], w[Y + 5 * L + lane] = resolved[0], resolved[1], resolved[2]
+    w[Y + 3 * L + lane], w[Y + 4 * L + lane], w[Y + 5 * L + lane] = resolved[Z], resolved[AC1], resolved[AC2]
     return found
 
 
 @compiled()
-def finish_weak_forces(w, lane, numbers, rule, resolved, state_start, point, micro_of_column, micro):
+def finish_weak_forces(w, lane, options, numbers, rule, fabric, resolved, state_start, point, micro_of_column, micro):
     """State columns of the shifted weak forces; gained and lost from the change of N, direction by direction."""
     start = np.zeros(MICRO)
     for i in range(state_start.shape[1]):
@@ -119,14 +104,21 @@ def finish_weak_forces(w, lane, numbers, rule, resolved, state_start, point, mic
     p = -0.5 * (w[Y + lane] + w[Y + L + lane])
     x0, gain = shift_and_gain(w, lane, p, numbers[CHI_P])
     _, gain_start = shift_and_gain(w, lane, w[START_P + lane], numbers[CHI_P])
-    micro[M_SHIFT], micro[M_SHIFT + 1], micro[M_SHIFT + 2] = x0, resolved[3], resolved[4]
+    micro[M_SHIFT], micro[M_SHIFT + 1], micro[M_SHIFT + 2] = x0, resolved[SHIFT1], resolved[SHIFT2]
     micro[M_SPREAD], micro[M_LARGEST_S] = w[SLOT + lane], w[LARGEST_S + lane]
+    if options[TANGENTIAL] == CLOSURE_FRICTIONAL:
+        # a_n, a_t are functions of the state; p = z f (1 + a_c.a_n/2) up to a constant
+        before = 1.0 + 0.5 * (start[M_A1] * start[M_N1] + start[M_A2] * start[M_N2])
+        micro[M_F] *= before / fabric[MU]
+        micro[M_N1], micro[M_N2] = resolved[CARRIED1] - resolved[AC1], resolved[CARRIED2] - resolved[AC2]
+        micro[M_T1], micro[M_T2] = fabric[T1], fabric[T2]
     split_change(
         (w[ORIGIN_Z + lane], w[ORIGIN_A1 + lane], w[ORIGIN_A2 + lane]),
         w[P_ZERO + lane],
         numbers[C_E],
+        numbers[C_P],
         (start[M_SHIFT], start[M_SHIFT + 1], start[M_SHIFT + 2], start[M_SPREAD], gain_start),
-        (x0, resolved[3], resolved[4], w[SLOT + lane], gain),
+        (x0, resolved[SHIFT1], resolved[SHIFT2], w[SLOT + lane], gain),
         rule[2],
         rule[3],
         micro[M_GAINED : M_GAINED + 3],

@@ -23,7 +23,6 @@ from .lanes import (
     GAIN,
     KERNEL_OPTIONS,
     LANES,
-    LARGEST_S,
     LOSS,
     MEASURE,
     REFERENCE_A1,
@@ -43,8 +42,9 @@ from .lanes import (
 )
 from .load_lane import M_A1, M_A2, M_Z, MICRO, load_idle, load_point, stiffness_of
 from .runge_kutta import APEX_FRACTION, FAILED_STAGE_FACTOR, SMALLEST_SUBSTEP
-from .stiffness import stress_invariants
+from .shifted_distribution import workspace
 from .substep import accept_substep, attempt_substep, estimate_error, step_factor
+from .weak_force_stage import raise_spread
 
 OK = int(Status.OK)
 LIMITED = int(Status.LIMITED)
@@ -106,7 +106,7 @@ def update_points(
     stage_tolerance = ROUNDING if fixed else max(ROUNDING, SHARE_OF_TOLERANCE * tolerance)
     network = options[LOSS] != 0 or options[GAIN] != 0
     shifted = network and options[FORCE_CHANGE] == SHIFTED_DISTRIBUTION
-    resolved = np.empty(20)
+    fabric, resolved = workspace()
     w = np.zeros(SIZE)
     micro = np.zeros(MICRO)
     solver = np.zeros((3, 4))
@@ -184,8 +184,7 @@ def update_points(
                 time[lane] += w[STEP + lane]
                 w[SLOT_SCALE + lane] = 1.0 if shifted else w[Y + 3 * L + lane]
                 if shifted:
-                    _, s1, s2 = stress_invariants(w[Y + lane], w[Y + L + lane], w[Y + 2 * L + lane])
-                    w[LARGEST_S + lane] = max(w[LARGEST_S + lane], math.sqrt(s1 * s1 + s2 * s2))
+                    raise_spread(w, lane, options, numbers, derivatives)
                 if not last[lane]:
                     if counts[point, 0] + counts[point, 1] >= most:
                         status[point] = TOO_MANY_SUBSTEPS
@@ -197,7 +196,7 @@ def update_points(
                 _keep_start(point, mixed, stress_start, state_start, stress_end, state_end, strain_increment)
             elif last[lane]:
                 if shifted and not network_at_end(
-                    w, lane, mixed, lane_control[lane], stress_start, point, numbers, rule, resolved
+                    w, lane, mixed, lane_control[lane], options, stress_start, point, numbers, rule, fabric, resolved
                 ):
                     status[point] = NOT_CONVERGED
                     _keep_start(point, mixed, stress_start, state_start, stress_end, state_end, strain_increment)
@@ -218,7 +217,9 @@ def update_points(
                     micro,
                 )
                 if shifted:
-                    finish_weak_forces(w, lane, numbers, rule, resolved, state_start, point, micro_of_column, micro)
+                    finish_weak_forces(
+                        w, lane, options, numbers, rule, fabric, resolved, state_start, point, micro_of_column, micro
+                    )
                 for i in range(3):
                     stress_end[point, i] = w[Y + i * L + lane]
                     if mixed:

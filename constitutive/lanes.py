@@ -74,10 +74,12 @@ COS, SIN, F_V1, F_V2, F_A1, F_A2, F_N = (_rows(1) for _ in range(7))
 I11, I12, I21, I22 = (_rows(1) for _ in range(4))
 
 # the distribution of weak-contact forces: the initial packing, X_0 at the start, the largest |s| so far; S_i and Y of
-# the stage with their derivatives, while rows of z and a_c hold what follows from them
-ORIGIN_Z, ORIGIN_A1, ORIGIN_A2, START_SHIFT, LARGEST_S, VIRGIN = (_rows(1) for _ in range(6))
+# the stage, while rows of z and a_c hold what follows from them; a_n there, derivatives of X_1 and a_n
+ORIGIN_Z, ORIGIN_A1, ORIGIN_A2, START_SHIFT, LARGEST_S = (_rows(1) for _ in range(5))
 SLOT = _rows(3)
-SLOT_TY = _rows(3 * COLUMNS)
+CARRIED_N = _rows(2)
+SHIFT_TY = _rows(2 * COLUMNS)
+NORMAL_TY = _rows(2 * COLUMNS)
 SLOT_SCALE = _rows(1)
 """By what the error of the fourth unknown is measured: z, or 1 for S_i."""
 COLUMN_TY, COLUMN_SLOPE = _rows(UNKNOWNS), _rows(UNKNOWNS)
@@ -101,6 +103,10 @@ VALUE = _rows(6)
 BY_V = _rows(18)
 BY_A = _rows(12)
 BY_N = _rows(6)
+# scatter of the change of force, derivatives by it: of loss and gain, and of the rates of z, a_c
+SIGMA = _rows(1)
+BY_SIGMA = _rows(6)
+SIGMA_JACOBIAN = _rows(3)
 
 # net rates of z, a_c by nine inputs
 INPUTS = 9
@@ -121,12 +127,13 @@ SIZE = next(_next) * LANES
 """Length of a workspace."""
 
 # entries of the integer options given to the kernels
-LOSS, GAIN, ROTATION, FEEDBACK, SELF_CONSISTENT, DENSITY, CLOSED_FORM, FORCE_CHANGE, ISOSTATIC = range(9)
+LOSS, GAIN, ROTATION, FEEDBACK, TANGENTIAL, DENSITY, CLOSED_FORM, FORCE_CHANGE, ISOSTATIC = range(9)
 HARMONIC, MAXIMUM_ENTROPY = 0, 1
-MEAN_FIELD, SHIFTED_DISTRIBUTION = 0, 1
+MEAN_FIELD, SHIFTED_DISTRIBUTION, FLUCTUATING = 0, 1, 2
+NEGLECTED, SELF_CONSISTENT, CLOSURE_FRICTIONAL = 0, 1, 2
 
 # entries of the closure numbers
-CHI, CHI_P, C_E, C_W = range(4)
+CHI, CHI_P, C_E, C_P, C_I, C_T, SLIP, DELAY, C_W = range(9)
 
 KERNEL_OPTIONS: dict[str, Any] = {"fastmath": {"contract"}}
 """Multiply-add in one rounding is the same for every lane; nothing else of IEEE arithmetic is given up."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .contract import Array, LawDescription, TangentKind, UpdateReport
 from .effects import Effects
+from .force_fabric import initial_force_fabric
 from .integrate import (
     TANGENT_CONTINUUM,
     TANGENT_ELASTIC,
@@ -18,9 +19,18 @@ from .integrate import (
     smallest_step_factor,
     update_points,
 )
-from .lanes import HARMONIC, MAXIMUM_ENTROPY, MEAN_FIELD, SHIFTED_DISTRIBUTION
+from .lanes import (
+    CLOSURE_FRICTIONAL,
+    FLUCTUATING,
+    HARMONIC,
+    MAXIMUM_ENTROPY,
+    MEAN_FIELD,
+    NEGLECTED,
+    SELF_CONSISTENT,
+    SHIFTED_DISTRIBUTION,
+)
 from .load_lane import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
-from .parameters import Closure, Integration, Material, ParameterError, parameter_table
+from .parameters import CLOSURE_NUMBERS, Closure, Integration, Material, ParameterError, parameter_table
 from .runge_kutta import TABLEAUS
 from .state import micro_of_columns, state_variables
 from .threads import run_in_threads
@@ -30,6 +40,13 @@ _TANGENTS = {
     "continuum": TANGENT_CONTINUUM,
     "elastic": TANGENT_ELASTIC,
 }
+
+_FORCE_CHANGE = {
+    "mean_field": MEAN_FIELD,
+    "fluctuating": FLUCTUATING,
+    "shifted_distribution": SHIFTED_DISTRIBUTION,
+}
+_TANGENTIAL = {"neglected": NEGLECTED, "self_consistent": SELF_CONSISTENT, "frictional": CLOSURE_FRICTIONAL}
 
 _COMFORTABLE_SUBSTEPS = 20
 """Substeps per increment above which the report proposes no larger step."""
@@ -94,10 +111,10 @@ class ContactLaw:
                 self.effects.contact_gain,
                 self.effects.principal_rotation,
                 self.effects.stiffness_feedback or not self.effects.network_changes,
-                self.closure.tangential == "self_consistent",
+                _TANGENTIAL[self.closure.tangential],
                 MAXIMUM_ENTROPY if entropy else HARMONIC,
                 self.integration.arc_integration == "closed_form",
-                SHIFTED_DISTRIBUTION if shifted else MEAN_FIELD,
+                _FORCE_CHANGE[self.closure.force_change] if self.effects.network_changes else MEAN_FIELD,
                 self.closure.shear_stiffness == "isostatic",
             ],
             dtype=np.int64,
@@ -106,15 +123,10 @@ class ContactLaw:
         self._numerics = np.array(
             [self.integration.tolerance, self.integration.substeps, self.integration.maximum_substeps], dtype=np.float64
         )
-        self._numbers = np.array(
-            [
-                self.closure.weak_contact_ratio,
-                self.closure.weak_contact_ratio_isotropic,
-                self.closure.elastic_scatter,
-                self.closure.fluctuation,
-            ],
-            dtype=np.float64,
-        )
+        numbers = {name: float(getattr(self.closure, name)) for name in CLOSURE_NUMBERS}
+        if not self.effects.irreversible_spread:
+            numbers["irreversible_scatter"] = 0.0
+        self._numbers = np.array(list(numbers.values()))
         circle = 2.0 * np.pi * np.arange(self.integration.directions) / self.integration.directions
         nodes, weights = np.polynomial.legendre.leggauss(self.integration.directions)
         self._rule = (nodes, weights, np.cos(circle), np.sin(circle))
@@ -137,7 +149,8 @@ class ContactLaw:
 
         The normal-force anisotropy is proportional to the stress-ratio vector, ``a_n = c_n s``; the mean force follows
         from the scale relation ``f/(kn r) = 2 pi p/(z phi kn)``; a_t closes the stress-force-fabric relation
-        ``s = (a_c + a_n + a_t)/2`` [eq. 7 and section 3.3 of the source].
+        ``s = (a_c + a_n + a_t)/2`` [eq. 7 and section 3.3 of the source]. With the closure "frictional" a_t is known
+        and the relations of `force_fabric` give a_n and the mean force.
 
         Parameters
         ----------
@@ -167,13 +180,13 @@ class ContactLaw:
         if not self.effects.principal_rotation:
             s = s * [1.0, 0.0]
             fabric = fabric * np.array([1.0, 0.0])
-        normal = table[:, [PAR_C_N]] * s
+        normal, tangential, mu = self._initial_anisotropies(s, fabric, table[:, [PAR_C_N]])
         values = {
             "coordination": z,
             "fabric_anisotropy": fabric,
-            "mean_normal_force": 2.0 * np.pi * p / (z * table[:, PAR_PHI] * table[:, PAR_KN]),
+            "mean_normal_force": 2.0 * np.pi * p / (z * mu * table[:, PAR_PHI] * table[:, PAR_KN]),
             "normal_force_anisotropy": normal,
-            "tangential_force_anisotropy": 2.0 * s - fabric - normal,
+            "tangential_force_anisotropy": tangential,
             "reference_coordination": z,
             "reference_fabric": fabric,
             "largest_stress_ratio": np.hypot(s[:, 0], s[:, 1]),
@@ -185,6 +198,22 @@ class ContactLaw:
                 columns = self.description.columns(variable.name)
                 state[:, columns] = value.reshape(npt, -1)[:, : variable.components]
         return state
+
+    def _initial_anisotropies(self, s: Array, fabric: Array, c_n: Array) -> tuple[Array, Array, Array]:
+        """a_n, a_t (npt, 2), mu (npt,) of `force_fabric` for given s and a_c; mu is 1 if the closure leaves it out."""
+        if not (self.closure.tangential == "frictional" and self.effects.network_changes):
+            return c_n * s, 2.0 * s - fabric - c_n * s, np.ones(len(s))
+        normal, tangential, mu = np.zeros_like(s), np.zeros_like(s), np.ones(len(s))
+        initial_force_fabric(
+            np.ascontiguousarray(s),
+            np.ascontiguousarray(fabric),
+            self.closure.tangential_force_ratio,
+            self.closure.slip,
+            normal,
+            tangential,
+            mu,
+        )
+        return normal, tangential, mu
 
     def update(
         self,

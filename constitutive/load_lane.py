@@ -118,7 +118,7 @@ def load_point(w, lane, point, given, stress_start, state_start, par, micro_of_c
     w[Y + 5 * L + lane] = 0.0
     n1, n2, spread = 0.0, 0.0, 0.0
     w[ORIGIN_A1 + lane], w[ORIGIN_A2 + lane] = 0.0, 0.0
-    w[X1 + lane], w[X2 + lane] = 0.0, 0.0
+    w[X1 + lane], w[X2 + lane], w[LARGEST_S + lane] = 0.0, 0.0, 0.0
     for i in range(state_start.shape[1]):
         value = state_start[point, i]
         finite = finite and math.isfinite(value)
@@ -156,11 +156,11 @@ def load_point(w, lane, point, given, stress_start, state_start, par, micro_of_c
     w[REFERENCE_A2 + lane] = w[Y + 5 * L + lane] if follow else w[ORIGIN_A2 + lane]
     w[SLOT_SCALE + lane] = w[Y + 3 * L + lane]
     if options[FORCE_CHANGE] == SHIFTED_DISTRIBUTION:
-        # the unknowns are S_i and Y = X_1 - chi a_c
+        # the unknowns are S_i and Y = X_1 - chi (a_n + a_c)
         w[SLOT_SCALE + lane] = 1.0
         w[Y + 3 * L + lane] = spread
-        w[Y + 4 * L + lane] = w[X1 + lane] - numbers[CHI] * w[Y + 4 * L + lane]
-        w[Y + 5 * L + lane] = w[X2 + lane] - numbers[CHI] * w[Y + 5 * L + lane]
+        w[Y + 4 * L + lane] = w[X1 + lane] - numbers[CHI] * (n1 + w[Y + 4 * L + lane])
+        w[Y + 5 * L + lane] = w[X2 + lane] - numbers[CHI] * (n2 + w[Y + 5 * L + lane])
     if not finite:
         return _NOT_FINITE
     floor = PRESSURE_FLOOR * par[PAR_KN]

@@ -45,9 +45,7 @@ def solve_mixed(w, lane, control, c):
                 if control[j] == 1:
                     total -= c[i, j] * w[STRAIN + j * L + lane]
             w[STRAIN + i * L + lane] = total / c[i, i]
-    xx, yy, xy = stress_rate(
-        k, g, b, a1, a2, w[STRAIN + lane], w[STRAIN + L + lane], w[STRAIN + 2 * L + lane]
-    )
+    xx, yy, xy = stress_rate(k, g, b, a1, a2, w[STRAIN + lane], w[STRAIN + L + lane], w[STRAIN + 2 * L + lane])
     w[RATE + lane] = w[GIVEN + lane] if control[0] == 1 else xx
     w[RATE + L + lane] = w[GIVEN + L + lane] if control[1] == 1 else yy
     w[RATE + 2 * L + lane] = w[GIVEN + 2 * L + lane] if control[2] == 1 else xy

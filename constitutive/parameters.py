@@ -14,9 +14,9 @@ import numpy as np
 
 from .contract import Array, Variable
 
-ForceChange = Literal["mean_field", "shifted_distribution"]
+ForceChange = Literal["mean_field", "fluctuating", "shifted_distribution"]
 ShearStiffness = Literal["uniform_strain", "isostatic"]
-Tangential = Literal["neglected", "self_consistent"]
+Tangential = Literal["neglected", "self_consistent", "frictional"]
 Distribution = Literal["harmonic", "maximum_entropy"]
 ArcIntegration = Literal["closed_form", "gauss"]
 Integrator = Literal["forward_euler", "modified_euler", "bogacki_shampine", "dormand_prince", "kennedy_carpenter"]
@@ -117,9 +117,21 @@ class Material:
 def _check_choice(owner: str, name: str, value: object, legal: tuple[str, ...]) -> None:
     if value not in legal:
         near = get_close_matches(str(value), legal, n=1, cutoff=0.0)
-        raise ParameterError(
-            f"{owner}.{name} = {value!r} is not one of {', '.join(legal)}; the nearest is {near[0]!r}"
-        )
+        raise ParameterError(f"{owner}.{name} = {value!r} is not one of {', '.join(legal)}; the nearest is {near[0]!r}")
+
+
+CLOSURE_NUMBERS = {
+    "weak_contact_ratio": 5.0,
+    "weak_contact_ratio_isotropic": 5.0,
+    "elastic_scatter": 5.0,
+    "elastic_scatter_isotropic": 5.0,
+    "irreversible_scatter": 50.0,
+    "tangential_force_ratio": 2.0,
+    "slip": 50.0,
+    "slip_delay": 50.0,
+    "fluctuation": 5.0,
+}
+"""Numbers of a closure in the order of the kernels (`lanes.CHI` ...), each with the largest that is legal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,11 +140,13 @@ class Closure:
 
     Parameters
     ----------
-    force_change : {"mean_field", "shifted_distribution"}
-        Force change of weak contacts: every contact of a direction feels the mean change (the source), or the
-        distribution of weak forces is followed as it is shifted and spread (always self-consistent).
-    tangential : {"neglected", "self_consistent"}
-        ``b = 2 ds`` (the source, a_t constant) or ``b = c_n ds + da_c``.
+    force_change : {"mean_field", "fluctuating", "shifted_distribution"}
+        Force change of weak contacts: every contact of a direction feels the mean change (the source), or that change
+        with a scatter proportional to the strain, or the distribution of weak forces is followed as it is shifted and
+        spread.
+    tangential : {"neglected", "self_consistent", "frictional"}
+        ``b = 2 ds`` (the source, a_t constant), ``b = c_n ds + da_c``, or a_t limited by friction, ``b = 2 ds - da_t``
+        (with "shifted_distribution", which takes "neglected" as "self_consistent").
     distribution : {"harmonic", "maximum_entropy"}
         Directional density of contacts for a given a_c; not used by "shifted_distribution", which has its own.
     shear_stiffness : {"uniform_strain", "isostatic"}
@@ -143,8 +157,18 @@ class Closure:
         chi_p: the same for a change of pressure.
     elastic_scatter : float
         c_e: scatter of the change of weak forces over the amplitude of their mean change; reversible.
+    elastic_scatter_isotropic : float
+        c_p: the same for a change of pressure.
+    irreversible_scatter : float
+        c_i: irreversible scatter of the weak forces, over their mean, per square of the largest q/p so far.
+    tangential_force_ratio : float
+        c_t: |a_t|/(q/p) of contacts that do not slip.
+    slip : float
+        k: decrease of |a_t|/(q/p) by contacts that slip, per q/p.
+    slip_delay : float
+        lambda: the shift X_0 of weak forces delays slip by this times X_0 in q/p.
     fluctuation : float
-        c_w: irreversible scatter, per shear strain kn r/f, on virgin loading.
+        c_w: scatter of the change of weak forces, per shear strain kn r/f; of "fluctuating".
     """
 
     force_change: ForceChange = "mean_field"
@@ -152,19 +176,29 @@ class Closure:
     distribution: Distribution = "harmonic"
     shear_stiffness: ShearStiffness = "uniform_strain"
     weak_contact_ratio: float = 0.75
-    weak_contact_ratio_isotropic: float = 0.5
-    elastic_scatter: float = 0.5
-    fluctuation: float = 0.25
+    weak_contact_ratio_isotropic: float = 0.6
+    elastic_scatter: float = 0.45
+    elastic_scatter_isotropic: float = 0.35
+    irreversible_scatter: float = 2.3
+    tangential_force_ratio: float = 0.78
+    slip: float = 1.0
+    slip_delay: float = 0.6
+    fluctuation: float = 0.3
 
     def __post_init__(self) -> None:
         _check_choice("closure", "force_change", self.force_change, get_args(ForceChange))
         _check_choice("closure", "tangential", self.tangential, get_args(Tangential))
         _check_choice("closure", "distribution", self.distribution, get_args(Distribution))
         _check_choice("closure", "shear_stiffness", self.shear_stiffness, get_args(ShearStiffness))
-        for name in ("weak_contact_ratio", "weak_contact_ratio_isotropic", "elastic_scatter", "fluctuation"):
+        for name, most in CLOSURE_NUMBERS.items():
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value <= 5.0:
-                raise ParameterError(f"closure.{name} = {value!r} is not a number in [0, 5]")
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value <= most:
+                raise ParameterError(f"closure.{name} = {value!r} is not a number in [0, {most:g}]")
+        if self.tangential == "frictional" and self.force_change != "shifted_distribution":
+            raise ParameterError(
+                f"closure.tangential = 'frictional' goes with force_change = 'shifted_distribution', not with "
+                f"{self.force_change!r}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -257,9 +257,7 @@ def drive(
             stress[0] = np.where(control == 1, end, stress[0])
             now, state_end = state_end, now
             done += 1
-            recorder.add(
-                stress, now, strain, int(report.substeps[0]), int(report.rejected[0]), report.limited > 0
-            )
+            recorder.add(stress, now, strain, int(report.substeps[0]), int(report.rejected[0]), report.limited > 0)
             if on_step is not None:
                 on_step(done, total)
     return history(True, f"followed to its end in {done} increments")

@@ -9,12 +9,11 @@ import math
 
 from .arcs import arc_of_loss
 from .compilation import compiled
-from .fabric import concentration, scaled_bessel_zero
+from .direction_density import density_at, shape_of
 from .lanes import (
     BY_A,
     BY_N,
     BY_V,
-    MAXIMUM_ENTROPY,
     N1,
     N2,
     TRIAL_A1,
@@ -25,9 +24,6 @@ from .lanes import (
     D,
     L,
 )
-
-_NEGLIGIBLE = 42.0
-"""Contact densities below exp(-42) = 6e-19 of their peak are not sampled."""
 
 _AVERAGE = 1.0 / (2.0 * math.pi)
 
@@ -57,25 +53,11 @@ def quadrature_change(w, lane, density, loss, gain, derivatives, nodes, weights)
             w[BY_A + i * L + lane] = 0.0
         for i in range(6):
             w[BY_N + i * L + lane] = 0.0
-    magnitude = math.hypot(q1, q2)
-    cq, sq = 1.0, 0.0
-    if magnitude > 0.0:
-        cq, sq = q1 / magnitude, q2 / magnitude
-    k, slope, norm = 0.0, 1.0, 1.0
-    reach = math.pi
-    if density == MAXIMUM_ENTROPY:
-        k, slope = concentration(magnitude)
-        norm = scaled_bessel_zero(k)
-        if k > 0.5 * _NEGLIGIBLE:
-            reach = math.acos(1.0 - _NEGLIGIBLE / k)
-    elif magnitude > 1.0:
-        reach = math.acos(-1.0 / magnitude)
-    # d k/d a_c: `slope` along a_c, k/|a_c| across
-    across = k / magnitude if magnitude > 1e-8 else 1.0
+    shape = shape_of(density, q1, q2)
+    dense, reach = math.atan2(shape[3], shape[2]), shape[8]
     kappa, sine, cf, sf = arc_of_loss(v0, v1, v2)
     half = math.atan2(sine, kappa)
     centre = math.atan2(sf, cf)
-    dense = math.atan2(sq, cq)
     for row in range(2):
         if (row == 0 and not loss) or (row == 1 and not gain):
             continue
@@ -97,22 +79,13 @@ def quadrature_change(w, lane, density, loss, gain, derivatives, nodes, weights)
             for g in range(nodes.shape[0]):
                 y = mean + scale * nodes[g]
                 c, s = math.cos(y), math.sin(y)
-                along = c * cq + s * sq
-                if density == MAXIMUM_ENTROPY:
-                    density_here = math.exp(k * (along - 1.0)) / norm
-                    # d W/d k = W (e - a_c/2), turned to d a_c
-                    radial = density_here * (along - 0.5 * magnitude) * slope
-                    lateral = density_here * (s * cq - c * sq) * across
-                    by_a1, by_a2 = radial * cq - lateral * sq, radial * sq + lateral * cq
-                else:
-                    density_here = max(1.0 + magnitude * along, 0.0)
-                    by_a1, by_a2 = c, s
+                density_here, by_a1, by_a2 = density_at(shape, c, s)
                 change = v0 + v1 * c + v2 * s
                 measure = weights[g] * scale * _AVERAGE
-                shape = 1.0
+                inverse = 1.0
                 if row == 0:
-                    shape = 1.0 / (1.0 + n1 * c + n2 * s)
-                    measure = -measure * shape
+                    inverse = 1.0 / (1.0 + n1 * c + n2 * s)
+                    measure = -measure * inverse
                 r = measure * density_here * change
                 w[value] += r
                 w[value + L] += r * c
@@ -133,7 +106,7 @@ def quadrature_change(w, lane, density, loss, gain, derivatives, nodes, weights)
                     w[by_a + 4 * L] += x * s
                     w[by_a + 5 * L] += z * s
                     if row == 0:
-                        x = -r * shape
+                        x = -r * inverse
                         w[BY_N + lane] += x * c
                         w[BY_N + L + lane] += x * s
                         w[BY_N + 2 * L + lane] += x * c * c

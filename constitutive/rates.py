@@ -11,6 +11,7 @@ import math
 
 from .compilation import compiled
 from .contact_change import closed_form_change
+from .fluctuating_change import differentiate_scatter, fluctuating_change, prepare_scatter
 from .lanes import (
     BY_A,
     BY_N,
@@ -20,7 +21,9 @@ from .lanes import (
     DENSITY,
     DS1,
     DS2,
+    FLUCTUATING,
     FORCE,
+    FORCE_CHANGE,
     GAIN,
     GAIN_FACTOR,
     GAINED,
@@ -57,7 +60,9 @@ from .lanes import (
     ROW_VALUE,
     SELF_CONSISTENT,
     SHARE,
+    SIGMA,
     SOLVED,
+    TANGENTIAL,
     TRIAL_A1,
     TRIAL_A2,
     TRIAL_Z,
@@ -78,7 +83,7 @@ _UNSOLVED, _CONVERGED, _NO_SOLUTION = 0.0, 1.0, 2.0
 
 
 @compiled(inline="always", **KERNEL_OPTIONS)
-def network_rates(w, options, derivatives, nodes, weights):
+def network_rates(w, options, numbers, derivatives, nodes, weights):
     """Rates of coordination number and fabric, split into gained and lost, in every lane.
 
     Reads rows D, DS1, DS2, TRIAL_Z, TRIAL_A1, TRIAL_A2, N1, N2 (limited to |a_n| < 1), FORCE; writes RATE 3..5,
@@ -90,15 +95,23 @@ def network_rates(w, options, derivatives, nodes, weights):
         Workspace, see `lanes`.
     options : ndarray of int64
         Effects and choices, see `lanes`.
+    numbers : ndarray
+        Closure numbers, see `lanes.CHI`.
     derivatives : bool
     nodes, weights : ndarray, shape (directions,)
         Gauss-Legendre rule for arcs without a closed form.
     """
-    self_consistent = options[SELF_CONSISTENT] != 0
+    self_consistent = options[TANGENTIAL] == SELF_CONSISTENT
+    fluctuating = options[FORCE_CHANGE] == FLUCTUATING
     _prepare(w, self_consistent)
+    if fluctuating:
+        prepare_scatter(w, numbers)
     for _ in range(_FIXED_POINT_ITERATIONS):
         _force_change_vector(w)
-        _change(w, options, derivatives or self_consistent, nodes, weights)
+        if fluctuating:
+            fluctuating_change(w, options, numbers, derivatives or self_consistent, nodes, weights)
+        else:
+            _change(w, options, derivatives or self_consistent, nodes, weights)
         if not self_consistent or _improve(w, options):
             break
     _split(w, options)
@@ -106,6 +119,8 @@ def network_rates(w, options, derivatives, nodes, weights):
         _differentiate(w, options)
         if self_consistent:
             _close(w, options)
+        if fluctuating:
+            differentiate_scatter(w, options)
 
 
 @compiled(**KERNEL_OPTIONS)
@@ -116,6 +131,7 @@ def _prepare(w, self_consistent):
         w[X1 + lane] = w[X1 + lane] if self_consistent and math.isfinite(w[X1 + lane]) else 0.0
         w[X2 + lane] = w[X2 + lane] if self_consistent and math.isfinite(w[X2 + lane]) else 0.0
         w[SOLVED + lane] = _UNSOLVED if self_consistent else _CONVERGED
+        w[SIGMA + lane] = 0.0
         z = w[TRIAL_Z + lane]
         room = w[NEIGHBOURS + lane] - z
         w[SHARE + lane] = w[C_N + lane] if self_consistent else 2.0
@@ -192,7 +208,7 @@ def _improve(w, options):
         w[I21 + lane] = r21 * inverse
         w[I22 + lane] = (1.0 - r11) * inverse
         e1, e2 = 2.0 * y1 - a1 * y0 - w[X1 + lane], 2.0 * y2 - a2 * y0 - w[X2 + lane]
-        size = abs(w[D + lane]) + abs(w[V1 + lane]) + abs(w[V2 + lane])
+        size = abs(w[D + lane]) + abs(w[V1 + lane]) + abs(w[V2 + lane]) + w[SIGMA + lane]
         if abs(e1) + abs(e2) <= _FIXED_POINT_TOLERANCE * size:
             w[SOLVED + lane] = _CONVERGED
             continue

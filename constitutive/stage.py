@@ -8,6 +8,7 @@ import math
 from .compilation import compiled
 from .contact_change import LARGEST_FORCE_ANISOTROPY
 from .contract import Status
+from .fluctuating_change import scatter_slopes
 from .lanes import (
     BULK,
     C_N,
@@ -20,6 +21,7 @@ from .lanes import (
     DS2,
     FEEDBACK,
     FLOOR,
+    FLUCTUATING,
     FORCE,
     FORCE_CHANGE,
     FORCE_SCALE,
@@ -106,8 +108,8 @@ def stage(w, control, mixed, options, numbers, derivatives, rule, solver):
     options : ndarray of int64
     derivatives : bool
         Derivatives by the strain increment; pure strain control only.
-    numbers : ndarray, shape (4,)
-        Closure numbers chi, chi_p, c_e, c_w.
+    numbers : ndarray
+        Closure numbers, see `lanes.CHI`.
     rule : tuple
         Gauss-Legendre nodes and weights, cosines and sines of directions equally spaced over the circle.
     solver : ndarray, shape (3, 4)
@@ -116,7 +118,7 @@ def stage(w, control, mixed, options, numbers, derivatives, rule, solver):
     network = options[LOSS] != 0 or options[GAIN] != 0
     shifted = network and options[FORCE_CHANGE] == SHIFTED_DISTRIBUTION
     if shifted:
-        resolve_network(w, numbers, derivatives, rule[2], rule[3])
+        resolve_network(w, options, numbers, derivatives, rule[2], rule[3])
     _check(w, options)
     if mixed:
         for lane in range(LANES):
@@ -128,14 +130,16 @@ def stage(w, control, mixed, options, numbers, derivatives, rule, solver):
         if shifted:
             weak_force_rates(w, numbers, derivatives)
         else:
-            network_rates(w, options, derivatives, rule[0], rule[1])
+            network_rates(w, options, numbers, derivatives, rule[0], rule[1])
         _refuse_unsolved(w)
     else:
         _network_at_rest(w)
     if derivatives:
         _differentiate(w, options, network)
         if shifted:
-            weak_force_slopes(w)
+            weak_force_slopes(w, numbers)
+        elif network and options[FORCE_CHANGE] == FLUCTUATING:
+            scatter_slopes(w, numbers)
 
 
 @compiled(**KERNEL_OPTIONS)
@@ -197,7 +201,8 @@ def _differentiate(w, options, network):
 def _check(w, options):
     """Invariants of the stage's stress, and whether the state is one from which rates can be computed."""
     feedback = options[FEEDBACK] != 0
-    harmonic = options[DENSITY] != MAXIMUM_ENTROPY
+    # shifted weak forces have a density of their own, which is positive
+    harmonic = options[DENSITY] != MAXIMUM_ENTROPY and options[FORCE_CHANGE] != SHIFTED_DISTRIBUTION
     for lane in range(LANES):
         z, a1, a2 = w[TRIAL_Z + lane], w[TRIAL_A1 + lane], w[TRIAL_A2 + lane]
         xx, yy, xy = w[TRIAL + lane], w[TRIAL + L + lane], w[TRIAL + 2 * L + lane]
@@ -236,6 +241,8 @@ def _check(w, options):
 def _force_change(w, options):
     """d = dp/p and ds of the stress rate; a_n, with its magnitude limited so that the mean force stays positive."""
     rotation = options[ROTATION] != 0
+    # shifted weak forces divide by no mean force: theirs is not limited
+    most = 1e150 if options[FORCE_CHANGE] == SHIFTED_DISTRIBUTION else LARGEST_FORCE_ANISOTROPY
     for lane in range(LANES):
         inverse, s1, s2 = w[INVERSE_P + lane], w[S1 + lane], w[S2 + lane]
         xx, yy, xy = w[RATE + lane], w[RATE + L + lane], w[RATE + 2 * L + lane]
@@ -246,8 +253,8 @@ def _force_change(w, options):
         ds2 = ds2 if rotation else 0.0
         n2 = n2 if rotation else 0.0
         square = n1 * n1 + n2 * n2
-        over = square > LARGEST_FORCE_ANISOTROPY * LARGEST_FORCE_ANISOTROPY
-        limit = LARGEST_FORCE_ANISOTROPY / math.sqrt(square) if over else 1.0
+        over = square > most * most
+        limit = most / math.sqrt(square) if over else 1.0
         w[D + lane] = d
         w[DS1 + lane] = -0.5 * (xx - yy) * inverse - s1 * d
         w[DS2 + lane] = ds2

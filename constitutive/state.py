@@ -60,9 +60,14 @@ def state_variables(effects: Effects, shifted: bool = False) -> tuple[Variable, 
         variables += [
             Variable("force_shift", "X_0, isotropic shift of weak forces over the mean force", default=0.0),
             Variable("force_shift_anisotropy", f"X_1, {_ALONG}", components=components, default=0.0),
-            Variable("force_spread", "S_i, irreversible spread of weak forces over their mean", lower=0.0, default=0.0),
-            Variable("largest_stress_ratio", "largest q/p so far", lower=0.0),
         ]
+        if effects.irreversible_spread:
+            variables += [
+                Variable(
+                    "force_spread", "S_i, irreversible spread of weak forces over their mean", lower=0.0, default=0.0
+                ),
+                Variable("largest_stress_ratio", "largest q/p so far", lower=0.0),
+            ]
     return tuple(variables)
 
 

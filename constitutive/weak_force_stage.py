@@ -1,76 +1,86 @@
 """The closure by shifted weak forces inside a Runge-Kutta stage.
 
-Its unknowns S_i, Y take the places of z, a_c. `resolve_network` puts what follows from them, z and a_c with their
-derivatives, where the rest of the stage looks for it; `weak_force_rates` and `weak_force_slopes` give the rates of
-S_i and Y, and their derivatives, in the form that the rest of the stage takes.
+Its unknowns S_i, Y take the places of z, a_c. `resolve_network` puts what follows from them and the stress, z and a_c
+with their derivatives, where the rest of the stage looks for it; `weak_force_rates` and `weak_force_slopes` give the
+rates of Y, and their derivatives, in the form that the rest of the stage takes. S_i has no rate: it is a function of
+the largest |s| so far, and `raise_spread` moves it when a substep has been accepted.
 """
 
 import math
 
-import numpy as np
-
 from .compilation import compiled
+from .force_fabric import FRICTIONAL, PROPORTIONAL
 from .lanes import (
-    C_E,
+    C_I,
     C_N,
-    C_W,
+    CARRIED_N,
     CHI,
     CHI_P,
+    CLOSURE_FRICTIONAL,
     COLUMNS,
-    DS1,
-    DS2,
     FLOOR,
-    FORCE,
     FORCE_SCALE,
     GAINED,
-    GIVEN,
     HALF_GAP,
-    IN_A1,
-    IN_A2,
     IN_D,
-    IN_F,
-    IN_N1,
-    IN_N2,
-    IN_S1,
-    IN_S2,
     INPUTS,
     JACOBIAN,
     LANES,
     LARGEST_S,
     LOST,
-    N1,
-    N2,
     NEIGHBOURS,
+    NORMAL_TY,
     ORIGIN_A1,
     ORIGIN_A2,
     ORIGIN_Z,
     P_ZERO,
     RATE,
-    S1,
-    S2,
+    ROTATION,
+    SHIFT_TY,
     SLOPE,
     SLOT,
-    SLOT_TY,
     SOLVED,
+    START_N1,
+    START_N2,
     START_P,
+    START_S1,
+    START_S2,
     START_SHIFT,
-    STRAIN,
+    TANGENTIAL,
     TRIAL,
     TRIAL_A1,
     TRIAL_A2,
     TRIAL_TY,
     TRIAL_Z,
+    TY,
     UNKNOWNS,
-    VIRGIN,
     X1,
     X2,
     D,
     L,
+    Y,
 )
-from .shifted_distribution import network_of
-
-VIRGIN_TOLERANCE = 1e-9
-"""|s| within this of its largest value so far counts as being there."""
+from .shifted_distribution import (
+    AC1,
+    AC2,
+    BY_GAIN,
+    BY_S1,
+    BY_S2,
+    BY_SPREAD,
+    BY_X0,
+    BY_Y1,
+    BY_Y2,
+    CARRIED1,
+    CARRIED2,
+    DERIVATIVES,
+    SHIFT1,
+    SHIFT2,
+    Z,
+    network_of,
+    workspace,
+)
+from .shifted_distribution import INPUTS as STATE_INPUTS
+from .stiffness import stress_invariants
 
 
 @compiled()
@@ -83,115 +93,162 @@ def shift_and_gain(w, lane, p, chi_p):
 
 
 @compiled()
-def resolve_network(w, numbers, derivatives, cosines, sines):
+def network_at(w, lane, p, s1, s2, irreversible, y1, y2, options, numbers, cosines, sines, fabric, out):
+    """`network_of` for the stress and the unknowns of a lane; also X_0 and g.
+
+    Returns
+    -------
+    found : bool
+    x0, gain : float
+    """
+    x0, gain = shift_and_gain(w, lane, p, numbers[CHI_P])
+    c_n = w[C_N + lane]
+    rotation = options[ROTATION] != 0
+    if not rotation:
+        s2 = 0.0
+    normal1 = w[START_N1 + lane] + c_n * (s1 - w[START_S1 + lane])
+    normal2 = w[START_N2 + lane] + c_n * (s2 - w[START_S2 + lane]) if rotation else 0.0
+    found = network_of(
+        (x0, gain, irreversible, y1, y2, s1, s2),
+        (w[X1 + lane], w[X2 + lane]),
+        (w[ORIGIN_Z + lane], w[ORIGIN_A1 + lane], w[ORIGIN_A2 + lane]),
+        w[P_ZERO + lane],
+        (normal1, normal2),
+        FRICTIONAL if options[TANGENTIAL] == CLOSURE_FRICTIONAL else PROPORTIONAL,
+        c_n,
+        numbers,
+        cosines,
+        sines,
+        fabric,
+        out,
+    )
+    return found, x0, gain
+
+
+@compiled()
+def irreversible_spread(w, lane, spread, s1, s2, c_i):
+    """S_i at the stress ratio s, given its value at the largest |s| so far, and whether s is beyond that."""
+    size, largest = s1 * s1 + s2 * s2, w[LARGEST_S + lane]
+    if size > largest * largest:
+        return spread + c_i * (size - largest * largest), True
+    return spread, False
+
+
+@compiled()
+def resolve_network(w, options, numbers, derivatives, cosines, sines):
     """Put z and a_c of the stage into rows TRIAL_Z ..., and their derivatives into TRIAL_TY; keep S_i, Y in SLOT.
 
     SOLVED becomes 2 in lanes where no X_1 is found, else 1.
     """
-    out = np.empty(20)
+    fabric, out = workspace()
     for lane in range(LANES):
         w[SOLVED + lane] = 1.0
         spread, y1, y2 = w[TRIAL_Z + lane], w[TRIAL_A1 + lane], w[TRIAL_A2 + lane]
         w[SLOT + lane], w[SLOT + L + lane], w[SLOT + 2 * L + lane] = spread, y1, y2
-        for column in range(COLUMNS):
-            row = TRIAL_TY + (column * UNKNOWNS + 3) * L + lane
-            for i in range(3):
-                w[SLOT_TY + (3 * column + i) * L + lane] = w[row + i * L]
-        p = -0.5 * (w[TRIAL + lane] + w[TRIAL + L + lane])
+        p, s1, s2 = stress_invariants(w[TRIAL + lane], w[TRIAL + L + lane], w[TRIAL + 2 * L + lane])
         if not p > w[FLOOR + lane] or not math.isfinite(spread + y1 + y2):
             # the check that follows refuses the pressure; numbers that are not finite are refused here
             w[TRIAL_Z + lane] = 1.0 if not p > w[FLOOR + lane] else -1.0
             w[TRIAL_A1 + lane], w[TRIAL_A2 + lane] = 0.0, 0.0
             continue
-        x0, gain = shift_and_gain(w, lane, p, numbers[CHI_P])
-        origin = (w[ORIGIN_Z + lane], w[ORIGIN_A1 + lane], w[ORIGIN_A2 + lane])
-        found = network_of(
-            x0,
-            y1,
-            y2,
-            spread,
-            w[X1 + lane],
-            w[X2 + lane],
-            origin,
-            w[P_ZERO + lane],
-            gain,
-            numbers[CHI],
-            numbers[C_E],
-            cosines,
-            sines,
-            out,
+        if options[ROTATION] == 0:
+            s2 = 0.0
+        irreversible, virgin = irreversible_spread(w, lane, spread, s1, s2, numbers[C_I])
+        found, x0, gain = network_at(
+            w, lane, p, s1, s2, irreversible, y1, y2, options, numbers, cosines, sines, fabric, out
         )
         if not found:
             w[SOLVED + lane] = 2.0
-            w[TRIAL_Z + lane], w[TRIAL_A1 + lane], w[TRIAL_A2 + lane] = origin
+            w[TRIAL_Z + lane], w[TRIAL_A1 + lane] = w[ORIGIN_Z + lane], w[ORIGIN_A1 + lane]
+            w[TRIAL_A2 + lane] = w[ORIGIN_A2 + lane]
             w[X1 + lane], w[X2 + lane] = 0.0, 0.0
             continue
-        w[TRIAL_Z + lane], w[TRIAL_A1 + lane], w[TRIAL_A2 + lane] = out[0], out[1], out[2]
-        w[X1 + lane], w[X2 + lane] = out[3], out[4]
+        w[TRIAL_Z + lane], w[TRIAL_A1 + lane], w[TRIAL_A2 + lane] = out[Z], out[AC1], out[AC2]
+        w[X1 + lane], w[X2 + lane] = out[SHIFT1], out[SHIFT2]
+        w[CARRIED_N + lane], w[CARRIED_N + L + lane] = out[CARRIED1] - out[AC1], out[CARRIED2] - out[AC2]
         if derivatives:
             for column in range(COLUMNS):
                 row = TRIAL_TY + column * UNKNOWNS * L + lane
-                relative = -0.5 * (w[row] + w[row + L]) / p
-                by_shift, by_gain = -(x0 - numbers[CHI_P]) * relative, gain * relative
-                t_s = w[SLOT_TY + 3 * column * L + lane]
-                t_1 = w[SLOT_TY + (3 * column + 1) * L + lane]
-                t_2 = w[SLOT_TY + (3 * column + 2) * L + lane]
-                for i in range(3):
-                    k = 5 + 5 * i
-                    by_p = out[k] * by_shift + out[k + 1] * by_gain
-                    w[row + (3 + i) * L] = by_p + out[k + 2] * t_s + out[k + 3] * t_1 + out[k + 4] * t_2
+                t_xx, t_yy, t_xy = w[row], w[row + L], w[row + 2 * L]
+                relative = -0.5 * (t_xx + t_yy) / p
+                v1 = -0.5 * (t_xx - t_yy) / p - s1 * relative
+                v2 = -t_xy / p - s2 * relative if options[ROTATION] != 0 else 0.0
+                t_s = 2.0 * numbers[C_I] * (s1 * v1 + s2 * v2) if virgin else w[row + 3 * L]
+                by = (-(x0 - numbers[CHI_P]) * relative, gain * relative, t_s, w[row + 4 * L], w[row + 5 * L], v1, v2)
+                w[row + 3 * L] = _change(out, Z, by)
+                change1, change2 = _change(out, AC1, by), _change(out, AC2, by)
+                w[row + 4 * L], w[row + 5 * L] = change1, change2
+                w[SHIFT_TY + 2 * column * L + lane] = _change(out, SHIFT1, by)
+                w[SHIFT_TY + (2 * column + 1) * L + lane] = _change(out, SHIFT2, by)
+                w[NORMAL_TY + 2 * column * L + lane] = _change(out, CARRIED1, by) - change1
+                w[NORMAL_TY + (2 * column + 1) * L + lane] = _change(out, CARRIED2, by) - change2
+
+
+@compiled(inline="always")
+def _change(out, entry, by):
+    """Change of an entry of the result with changes of its inputs."""
+    row = DERIVATIVES + entry * STATE_INPUTS
+    return (
+        out[row + BY_X0] * by[0]
+        + out[row + BY_GAIN] * by[1]
+        + out[row + BY_SPREAD] * by[2]
+        + out[row + BY_Y1] * by[3]
+        + out[row + BY_Y2] * by[4]
+        + out[row + BY_S1] * by[5]
+        + out[row + BY_S2] * by[6]
+    )
 
 
 @compiled()
 def weak_force_rates(w, numbers, derivatives):
-    """Rates of S_i and Y into RATE 3 ... 5, with their derivatives by the nine inputs into JACOBIAN."""
+    """Rates of S_i (none) and Y into RATE 3 ... 5, with their derivatives by d into JACOBIAN."""
     chi = numbers[CHI]
     for lane in range(LANES):
-        d, ds1, ds2 = w[D + lane], w[DS1 + lane], w[DS2 + lane]
-        s1, s2 = w[S1 + lane], w[S2 + lane]
-        size = math.sqrt(s1 * s1 + s2 * s2)
-        outward = s1 * ds1 + s2 * ds2
-        largest = w[LARGEST_S + lane]
-        virgin = size >= largest * (1.0 - VIRGIN_TOLERANCE) and (outward > 0.0 or largest == 0.0)
-        deviator, shear = w[STRAIN + lane] - w[STRAIN + L + lane], w[STRAIN + 2 * L + lane]
-        strain = math.sqrt(deviator * deviator + shear * shear)
-        force = w[FORCE + lane]
-        w[VIRGIN + lane] = numbers[C_W] / force if virgin else 0.0
-        spreading = w[VIRGIN + lane] * strain
-        x1, x2 = w[X1 + lane], w[X2 + lane]
-        w[RATE + 3 * L + lane] = spreading
-        w[RATE + 4 * L + lane] = chi * (w[N1 + lane] * d + w[C_N + lane] * ds1) - x1 * d
-        w[RATE + 5 * L + lane] = chi * (w[N2 + lane] * d + w[C_N + lane] * ds2) - x2 * d
+        d = w[D + lane]
+        factor1 = chi * w[CARRIED_N + lane] - w[X1 + lane]
+        factor2 = chi * w[CARRIED_N + L + lane] - w[X2 + lane]
+        w[RATE + 3 * L + lane] = 0.0
+        w[RATE + 4 * L + lane] = factor1 * d
+        w[RATE + 5 * L + lane] = factor2 * d
         for i in range(3):
             w[GAINED + i * L + lane] = 0.0
             w[LOST + i * L + lane] = 0.0
         if derivatives:
             for entry in range(3 * INPUTS):
                 w[JACOBIAN + entry * L + lane] = 0.0
-            w[JACOBIAN + IN_F * L + lane] = -spreading / force
-            row = JACOBIAN + INPUTS * L + lane
-            w[row + IN_D * L] = chi * w[N1 + lane] - x1
-            w[row + IN_S1 * L] = chi * w[C_N + lane]
-            w[row + IN_N1 * L] = chi * d
-            # X_1 = Y + chi a_c
-            w[row + IN_A1 * L] = -chi * d
-            row = JACOBIAN + 2 * INPUTS * L + lane
-            w[row + IN_D * L] = chi * w[N2 + lane] - x2
-            w[row + IN_S2 * L] = chi * w[C_N + lane]
-            w[row + IN_N2 * L] = chi * d
-            w[row + IN_A2 * L] = -chi * d
+            w[JACOBIAN + (INPUTS + IN_D) * L + lane] = factor1
+            w[JACOBIAN + (2 * INPUTS + IN_D) * L + lane] = factor2
 
 
 @compiled()
-def weak_force_slopes(w):
-    """Add what the nine inputs leave out: Y itself, and the strain rate in the spread (strain control)."""
-    for lane in range(LANES):
-        deviator, shear = w[GIVEN + lane] - w[GIVEN + L + lane], w[GIVEN + 2 * L + lane]
-        strain = math.sqrt(deviator * deviator + shear * shear)
-        inverse = w[VIRGIN + lane] / strain if strain > 0.0 else 0.0
+def weak_force_slopes(w, numbers):
+    """Add what d alone leaves out: the changes of a_n and X_1."""
+    chi = numbers[CHI]
+    for column in range(COLUMNS):
+        row = SLOPE + column * UNKNOWNS * L
+        for lane in range(LANES):
+            d = w[D + lane]
+            for i in range(2):
+                entry = (2 * column + i) * L + lane
+                w[row + (4 + i) * L + lane] += d * (chi * w[NORMAL_TY + entry] - w[SHIFT_TY + entry])
+
+
+@compiled()
+def raise_spread(w, lane, options, numbers, derivatives):
+    """S_i and the largest |s| at the end of an accepted substep, with the derivatives of S_i."""
+    p, s1, s2 = stress_invariants(w[Y + lane], w[Y + L + lane], w[Y + 2 * L + lane])
+    rotation = options[ROTATION] != 0
+    if not rotation:
+        s2 = 0.0
+    spread, virgin = irreversible_spread(w, lane, w[Y + 3 * L + lane], s1, s2, numbers[C_I])
+    if not virgin:
+        return
+    w[Y + 3 * L + lane] = spread
+    w[LARGEST_S + lane] = math.sqrt(s1 * s1 + s2 * s2)
+    if derivatives:
         for column in range(COLUMNS):
-            own = deviator if column == 0 else (-deviator if column == 1 else shear)
-            row = SLOPE + column * UNKNOWNS * L + lane
-            w[row + 3 * L] += inverse * own
-            w[row + 4 * L] -= w[D + lane] * w[SLOT_TY + (3 * column + 1) * L + lane]
-            w[row + 5 * L] -= w[D + lane] * w[SLOT_TY + (3 * column + 2) * L + lane]
+            row = TY + column * UNKNOWNS * L + lane
+            relative = -0.5 * (w[row] + w[row + L]) / p
+            v1 = -0.5 * (w[row] - w[row + L]) / p - s1 * relative
+            v2 = -w[row + 2 * L] / p - s2 * relative if rotation else 0.0
+            w[row + 3 * L] = 2.0 * numbers[C_I] * (s1 * v1 + s2 * v2)

@@ -31,13 +31,27 @@ CLOSURES = [
 ]
 """Closures in the form of rates."""
 
+FLUCTUATING = [
+    Closure(force_change="fluctuating", tangential="neglected", distribution="maximum_entropy"),
+    Closure(force_change="fluctuating", tangential="self_consistent"),
+]
+"""Rates in which weak contacts feel a scattered change of force."""
+
 SHIFTED = [
-    Closure(force_change="shifted_distribution"),
-    Closure(force_change="shifted_distribution", shear_stiffness="isostatic", elastic_scatter=0.3, fluctuation=0.4),
+    Closure(force_change="shifted_distribution", tangential="frictional"),
+    Closure(force_change="shifted_distribution", tangential="self_consistent"),
+    Closure(
+        force_change="shifted_distribution",
+        tangential="frictional",
+        shear_stiffness="isostatic",
+        elastic_scatter=0.3,
+        irreversible_scatter=5.0,
+        slip=1.4,
+    ),
 ]
 """Closures in the form of states."""
 
-ALL_CLOSURES = CLOSURES + SHIFTED + [Closure(shear_stiffness="isostatic")]
+ALL_CLOSURES = CLOSURES + FLUCTUATING + SHIFTED + [Closure(shear_stiffness="isostatic")]
 
 EFFECT_SETS = [
     Effects(contact_loss=loss, contact_gain=gain, principal_rotation=rotation, stiffness_feedback=feedback)
@@ -47,9 +61,8 @@ EFFECT_SETS = [
 
 def closure_name(closure):
     """Test id."""
-    if closure.force_change == "mean_field":
-        return f"{closure.tangential}-{closure.distribution}-{closure.shear_stiffness}"
-    return f"{closure.force_change}-{closure.shear_stiffness}"
+    kind = {"mean_field": "", "fluctuating": "fluctuating-", "shifted_distribution": "shifted-"}[closure.force_change]
+    return f"{kind}{closure.tangential}-{closure.distribution}-{closure.shear_stiffness}"
 
 
 def effects_name(effects):

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import i0e, i1e
+from scipy.stats import norm
 
 _X, _W = np.polynomial.legendre.leggauss(40)
 
@@ -37,8 +38,17 @@ def density(y, q, distribution):
     return np.exp(k * (along - 1)) / i0e(k)
 
 
-def rates(material, d, ds, z, q, n, f, tangential="neglected", distribution="harmonic", loss=True, gain=True):
-    """Gained and lost rates of (z, a_c1, a_c2): arrays of 3."""
+def expected_part(mean, deviation):
+    """Expected positive part of a normal variable."""
+    if deviation == 0:
+        return np.maximum(mean, 0)
+    return deviation * norm.pdf(mean / deviation) + mean * norm.cdf(mean / deviation)
+
+
+def rates(
+    material, d, ds, z, q, n, f, tangential="neglected", distribution="harmonic", loss=True, gain=True, chi=1, sigma=0
+):
+    """Gained and lost rates of (z, a_c1, a_c2): arrays of 3; weak contacts feel chi dF with a scatter sigma."""
     n = n * min(1.0, 0.98 / max(np.hypot(*n), 1e-300))
     change = np.zeros(2)
     for _ in range(200 if tangential == "self_consistent" else 1):
@@ -49,8 +59,8 @@ def rates(material, d, ds, z, q, n, f, tangential="neglected", distribution="har
         dF = d + w @ e
         contacts = density(y, q, distribution)
         beta = max(material.neighbours - z, 0) / z
-        g = gain * beta * material.gap_density_at_zero * f / 2 * contacts * np.maximum(dF, 0)
-        lost = loss * material.force_density_at_zero * contacts * np.maximum(-dF, 0) / (1 + n @ e)
+        g = gain * beta * material.gap_density_at_zero * f / 2 * contacts * expected_part(chi * dF, sigma)
+        lost = loss * material.force_density_at_zero * contacts * expected_part(-chi * dF / (1 + n @ e), sigma)
         totals = []
         for rate in (g, lost):
             mean = rate @ weight
@@ -80,7 +90,7 @@ def stiffness(material, z, q):
     return full
 
 
-def derivative_of(material, stress, increment, control="stress", **choices):
+def derivative_of(material, stress, increment, control="stress", c_w=0, **choices):
     """Rates of y = (stress, z, a_c, gained, lost, strain), 15 in all, over a pseudo-time from 0 to 1."""
     c_n, phi, kn = material.force_anisotropy_ratio, material.solid_fraction, material.normal_stiffness
     stress, increment = np.asarray(stress, float), np.asarray(increment, float)
@@ -101,7 +111,8 @@ def derivative_of(material, stress, increment, control="stress", **choices):
         ds = np.array([-(stress_rate[0] - stress_rate[1]) / 2, -stress_rate[2]]) / p - s * d
         f = 2 * np.pi * p / (z_now * phi * kn)
         n = c_n * s_start + c_n * (s - s_start)
-        gained, lost = rates(material, d, ds, z_now, q_now, n, f, **choices)
+        sigma_w = c_w * np.hypot(strain_rate[0] - strain_rate[1], strain_rate[2]) / f
+        gained, lost = rates(material, d, ds, z_now, q_now, n, f, sigma=sigma_w, **choices)
         return np.concatenate([stress_rate, gained - lost, gained, lost, strain_rate])
 
     return derivative

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import reference_model
-from contact_law_cases import CLOSURES, PRESSURE, Points, closure_name, law, material
+from contact_law_cases import CLOSURES, FLUCTUATING, PRESSURE, Points, closure_name, law, material
 
 PATHS = [
     ((-1.0, -1.0, 0.0), (-0.2, 0.2, 0.1)),
@@ -13,7 +13,7 @@ PATHS = [
 ]
 
 
-@pytest.mark.parametrize("closure", CLOSURES, ids=closure_name)
+@pytest.mark.parametrize("closure", CLOSURES + FLUCTUATING, ids=closure_name)
 @pytest.mark.parametrize("control", ["stress", "strain"])
 @pytest.mark.parametrize("path", PATHS)
 def test_end_values(closure, control, path):
@@ -41,6 +41,8 @@ def test_end_values(closure, control, path):
         q=(0.1, -0.05),
         tangential=closure.tangential,
         distribution=closure.distribution,
+        chi=closure.weak_contact_ratio if closure.force_change == "fluctuating" else 1,
+        c_w=closure.fluctuation if closure.force_change == "fluctuating" else 0,
     )
     assert end[0] == pytest.approx(sigma, abs=1e-7 * PRESSURE)
     assert points.get(state, "coordination")[0, 0] == pytest.approx(z, abs=1e-7)

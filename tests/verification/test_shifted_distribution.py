@@ -1,41 +1,68 @@
 """The closure by shifted weak forces against a second implementation, and its limits.
 
-The second implementation integrates ``d(p X_1 - chi p a_c) = chi (a_n dp + p c_n ds - a_c dp)`` by SciPy and finds X_1
-by SciPy's root finder, with SciPy's normal distribution on 256 directions; it shares no code with the kernels.
+The second implementation integrates ``d(p X_1 - chi p A) = -chi a_c dp`` by SciPy and finds X_1 by SciPy's root finder,
+with SciPy's normal distribution on 256 directions; a_n comes from the stress-force-fabric relation as a linear system,
+the maximum of a_t from SciPy's minimiser. It shares no code with the kernels.
 """
 
 import numpy as np
 import pytest
 import reference_model
 from contact_law_cases import PRESSURE, Points, law, material
-from scipy.integrate import solve_ivp
-from scipy.optimize import root
+from scipy.integrate import quad, solve_ivp
+from scipy.optimize import minimize_scalar, root
 from scipy.stats import norm
 
-from constitutive.parameters import Closure
+from constitutive.effects import Effects
+from constitutive.force_fabric import FRICTIONAL, LENGTH, MU, T1, force_fabric
+from constitutive.parameters import Closure, ParameterError
 from constitutive.path import Leg, drive
+from constitutive.tangential_force import tangential_magnitude
 from constitutive.weak_forces import expected_excess, negative_part, normal_density, positive_part, upper_tail
 
 ANGLES = 2 * np.pi * np.arange(256) / 256
 E = np.array([np.cos(ANGLES), np.sin(ANGLES)])
+SHIFTED = Closure(force_change="shifted_distribution", tangential="frictional")
 
 
 def network(packing, closure, x0, x1, spread, p, origin):
     """z and a_c of a state [section 5.3]."""
     z0, q = origin
     x = x0 + x1 @ E
-    s = max(np.hypot(spread, closure.elastic_scatter * np.hypot(*x1)), 1e-300)
+    scatter = closure.elastic_scatter * np.hypot(*x1), closure.elastic_scatter_isotropic * x0
+    s = max(np.linalg.norm([spread, *scatter]), 1e-300)
     u = x / s
     lost = packing.force_density_at_zero * (s * norm.pdf(u) - x * norm.cdf(-u))
     f = 2 * np.pi * p / (z0 * packing.solid_fraction * packing.normal_stiffness)
     g = (packing.neighbours - z0) / z0 * packing.gap_density_at_zero * f / 2
-    n = (1 + q @ E) * np.exp(-lost + g * (s * norm.pdf(u) + x * norm.cdf(u)))
+    n = (1 + q @ E) * np.exp(-lost - lost**2 / 2 + g * (s * norm.pdf(u) + x * norm.cdf(u)))
     return z0 * n.mean(), 2 * (E @ n) / n.sum()
 
 
+def tangential(closure, m, delay):
+    """|a_t| at q/p = m: what does not slip, up to its largest value."""
+
+    def carried(m):
+        return closure.tangential_force_ratio * m - closure.slip * m**3 / (m + delay) if m > 0 else 0.0
+
+    top = minimize_scalar(lambda m: -carried(m), bounds=(0, 3), method="bounded", options={"xatol": 1e-12}).x
+    return carried(min(m, top))
+
+
+def force_anisotropies(packing, closure, s, a_c, x0):
+    """a_n and a_t."""
+    if closure.tangential == "self_consistent":
+        a_n = packing.force_anisotropy_ratio * s
+        return a_n, 2 * s - a_c - a_n
+    m = np.hypot(*s)
+    a_t = s / m * tangential(closure, m, closure.slip_delay * max(x0, 0)) if m > 0 else 0 * s
+    # 2 s (1 + a_c.a_n/2) = a_c + a_n + a_t
+    return np.linalg.solve(np.eye(2) - np.outer(s, a_c), 2 * s - a_c - a_t), a_t
+
+
 def integrate(packing, closure, stress, increment, control):
-    """End z, a_c, S_i, X_1 of one increment from the initial packing, on a virgin path."""
-    c_n, chi, chi_p = packing.force_anisotropy_ratio, closure.weak_contact_ratio, closure.weak_contact_ratio_isotropic
+    """End stress, z, a_c, S_i, X_1, a_n, a_t of one increment from the initial packing, on a virgin path."""
+    chi, chi_p = closure.weak_contact_ratio, closure.weak_contact_ratio_isotropic
     origin = (packing.coordination, np.array([packing.initial_fabric_xx, packing.initial_fabric_xy]))
     stress, increment = np.array(stress), np.array(increment)
 
@@ -43,42 +70,49 @@ def integrate(packing, closure, stress, increment, control):
         p = -(sigma[0] + sigma[1]) / 2
         return p, np.array([-(sigma[0] - sigma[1]) / 2, -sigma[2]]) / p
 
-    p_start, _ = invariants(stress)
+    p_start, s_start = invariants(stress)
 
-    def resolve(sigma, w, spread):
-        p, _ = invariants(sigma)
+    def resolve(sigma, w):
+        p, s = invariants(sigma)
         x0 = chi_p * (1 - p_start / p)
-        x1 = root(
-            lambda x: x - w / p - chi * network(packing, closure, x0, x, spread, p, origin)[1], w / p, tol=1e-14
-        ).x
-        return x1, *network(packing, closure, x0, x1, spread, p, origin)
+        spread = closure.irreversible_scatter * (s @ s - s_start @ s_start)
+
+        def residual(x):
+            a_c = network(packing, closure, x0, x, spread, p, origin)[1]
+            return x - w / p - chi * (force_anisotropies(packing, closure, s, a_c, x0)[0] + a_c)
+
+        # a start at exactly zero would leave SciPy's difference quotients without a scale
+        solution = root(residual, w / p + chi * s + 1e-6, tol=1e-13)
+        assert np.abs(residual(solution.x)).max() < 1e-11
+        x1 = solution.x
+        return x1, spread, x0, *network(packing, closure, x0, x1, spread, p, origin)
 
     def derivative(_, y):
-        sigma, w, spread = y[:3], y[3:5], y[5]
-        p, s = invariants(sigma)
-        _, z, a_c = resolve(sigma, w, spread)
+        sigma, w = y[:3], y[3:5]
+        _, _, _, z, a_c = resolve(sigma, w)
         c = reference_model.stiffness(packing, z, a_c)
         stress_rate = increment if control == "stress" else c @ increment
-        strain_rate = np.linalg.solve(c, increment) if control == "stress" else increment
-        dp = -(stress_rate[0] + stress_rate[1]) / 2
-        ds = np.array([-(stress_rate[0] - stress_rate[1]) / 2, -stress_rate[2]]) / p - s * dp / p
-        f = 2 * np.pi * p / (z * packing.solid_fraction * packing.normal_stiffness)
-        spreading = closure.fluctuation * np.hypot(strain_rate[0] - strain_rate[1], strain_rate[2]) / f
-        dw = chi * (c_n * s * dp + p * c_n * ds - a_c * dp)
-        return np.concatenate([stress_rate, dw, [spreading]])
+        return np.concatenate([stress_rate, chi * a_c * (stress_rate[0] + stress_rate[1]) / 2])
 
-    start = np.concatenate([stress, -chi * p_start * origin[1], [0.0]])
-    y = solve_ivp(derivative, (0, 1), start, method="DOP853", rtol=1e-9, atol=1e-9 * np.array([1e5] * 5 + [1])).y[:, -1]
-    x1, z, a_c = resolve(y[:3], y[3:5], y[5])
-    return y[:3], z, a_c, y[5], x1
+    carried = force_anisotropies(packing, closure, s_start, origin[1], 0.0)[0] + origin[1]
+    start = np.concatenate([stress, -chi * p_start * carried])
+    y = solve_ivp(derivative, (0, 1), start, method="DOP853", rtol=1e-9, atol=1e-9 * np.full(5, 1e5)).y[:, -1]
+    x1, spread, x0, z, a_c = resolve(y[:3], y[3:5])
+    a_n, a_t = force_anisotropies(packing, closure, invariants(y[:3])[1], a_c, x0)
+    return y[:3], z, a_c, spread, x1, a_n, a_t
 
 
 @pytest.mark.parametrize("control", ["stress", "strain"])
+@pytest.mark.parametrize("tangential_choice", ["frictional", "self_consistent"])
 @pytest.mark.parametrize(
-    ("fabric", "change"),
-    [((0.0, 0.0), (-0.3, 0.3, 0.0)), ((0.1, -0.05), (-0.4, -0.1, 0.2)), ((0.0, 0.1), (0.2, 0.1, 0.15))],
+    ("fabric", "start", "change"),
+    [
+        ((0.0, 0.0), (-1.0, -1.0, 0.0), (-0.3, 0.3, 0.0)),
+        ((0.1, -0.05), (-1.1, -0.9, 0.0), (-0.5, -0.1, 0.2)),
+        ((0.0, 0.1), (-1.0, -1.0, 0.0), (0.2, 0.1, 0.15)),
+    ],
 )
-def test_end_values(control, fabric, change):
+def test_end_values(control, tangential_choice, fabric, start, change):
     """Tolerances 1e-9 on both sides; the fixed directions (32 against 256) agree to rounding."""
     packing = material(
         force_density_at_zero=0.6,
@@ -87,28 +121,99 @@ def test_end_values(control, fabric, change):
         initial_fabric_xx=fabric[0],
         initial_fabric_xy=fabric[1],
     )
-    closure = Closure(force_change="shifted_distribution")
-    stress = (-PRESSURE, -PRESSURE, 0.0)
+    closure = Closure(force_change="shifted_distribution", tangential=tangential_choice)
+    stress = PRESSURE * np.array(start)
     increment = np.array(change) * (PRESSURE if control == "stress" else 2e-4)
     points = Points(law(closure=closure, materials=[packing], tolerance=1e-9), stress)
     code = (1, 1, 1) if control == "stress" else (0, 0, 0)
     end, state, _, report = points.mixed(code, increment)
     assert report.failed == 0
-    sigma, z, a_c, spread, x1 = integrate(packing, closure, stress, increment, control)
+    sigma, z, a_c, spread, x1, a_n, a_t = integrate(packing, closure, stress, increment, control)
     assert end[0] == pytest.approx(sigma, abs=1e-6 * PRESSURE)
     assert points.get(state, "coordination")[0, 0] == pytest.approx(z, abs=1e-6)
     assert points.get(state, "fabric_anisotropy")[0] == pytest.approx(a_c, abs=1e-6)
     assert points.get(state, "force_spread")[0, 0] == pytest.approx(spread, abs=1e-6)
     assert points.get(state, "force_shift_anisotropy")[0] == pytest.approx(x1, abs=1e-6)
+    assert points.get(state, "normal_force_anisotropy")[0] == pytest.approx(a_n, abs=1e-6)
+    assert points.get(state, "tangential_force_anisotropy")[0] == pytest.approx(a_t, abs=1e-6)
+
+
+def test_force_fabric_is_the_stress_of_two_harmonics():
+    """p and s integrated from the densities and forces of all directions give the s put in, and mu = p/(z f)."""
+    s, a_c, out = np.array([0.21, -0.13]), np.array([0.15, 0.08]), np.empty(LENGTH)
+    assert force_fabric(FRICTIONAL, *s, *a_c, 0.05, 0.0, 0.0, 0.0, 0.78, 1.0, 0.6, out)
+    a_n, a_t = out[:2] - a_c, out[T1 : T1 + 2]
+
+    def mean(weight):
+        def integrand(theta):
+            e = np.array([np.cos(2 * theta), np.sin(2 * theta)])
+            normal = (1 + a_c @ e) * (1 + a_n @ e)
+            shear = -(1 + a_c @ e) * (a_t[0] * e[1] - a_t[1] * e[0])
+            return weight(normal, shear, e)
+
+        return quad(integrand, 0, np.pi, epsabs=1e-13)[0] / np.pi
+
+    # f_i n_j with t = (-sin, cos): mean half is f_n/2; deviators (f_n cos - f_t sin)/2 and (f_n sin + f_t cos)/2
+    mu = mean(lambda n, t, e: n)
+    assert out[MU] == pytest.approx(mu, rel=1e-12)
+    assert mean(lambda n, t, e: n * e[0] - t * e[1]) / mu == pytest.approx(s[0], rel=1e-12)
+    assert mean(lambda n, t, e: n * e[1] + t * e[0]) / mu == pytest.approx(s[1], rel=1e-12)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.03, 2.0])
+def test_tangential_magnitude(delay):
+    """Largest value by SciPy; monotone; derivatives against differences (central, error of order h^2)."""
+    c_t, k, h = 0.78, 1.1, 1e-5
+    top = minimize_scalar(lambda m: -c_t * m + k * m**3 / (m + delay), bounds=(1e-9, 3), method="bounded").fun
+    assert tangential_magnitude(5.0, c_t, k, delay)[0] == pytest.approx(-top, rel=1e-10)
+    if delay == 0.0:
+        assert tangential_magnitude(5.0, c_t, k, delay)[0] == pytest.approx(c_t**2 / (4 * k), rel=1e-12)
+    values = [tangential_magnitude(m, c_t, k, delay)[0] for m in np.linspace(0, 2, 200)]
+    assert np.all(np.diff(values) >= 0)
+    for m in (0.05, 0.2, 0.9):
+        _, by_m, by_delay = tangential_magnitude(m, c_t, k, delay)
+        central = (tangential_magnitude(m + h, c_t, k, delay)[0] - tangential_magnitude(m - h, c_t, k, delay)[0]) / 2
+        assert by_m == pytest.approx(central / h, abs=1e-8)
+        if delay:
+            up, down = tangential_magnitude(m, c_t, k, delay + h)[0], tangential_magnitude(m, c_t, k, delay - h)[0]
+            assert by_delay == pytest.approx((up - down) / (2 * h), abs=1e-8)
+
+
+def test_frictional_needs_its_closure():
+    with pytest.raises(ParameterError, match="goes with force_change = 'shifted_distribution'"):
+        Closure(tangential="frictional")
+
+
+def test_first_order_of_the_shifted_forces():
+    """From isotropy at constant p: X_1 = chi (2 - c_t) s to first order, and without spread dz/z = -P0 |X_1|/pi.
+
+    The next order is relatively of the size of q/p = 1e-3 (a few times it).
+    """
+    eta = 1e-3
+    closure = Closure(
+        force_change="shifted_distribution", tangential="frictional", elastic_scatter=0.0, irreversible_scatter=0.0
+    )
+    contact_law = law(closure=closure, materials=[material(gap_density_at_zero=0.0)], directions=512)
+    points = Points(contact_law, (-PRESSURE, -PRESSURE, 0.0))
+    _, state, _, _ = points.mixed((1, 1, 1), (-eta * PRESSURE, eta * PRESSURE, 0.0))
+    x1 = points.get(state, "force_shift_anisotropy")[0]
+    expected = closure.weak_contact_ratio * (2 - closure.tangential_force_ratio) * eta
+    assert x1 == pytest.approx([expected, 0.0], rel=5 * eta, abs=1e-12)
+    z, a_c = points.get(state, "coordination")[0, 0], points.get(state, "fabric_anisotropy")[0, 0]
+    assert 1 - z / 4.06 == pytest.approx(0.5 * expected / np.pi, rel=5 * eta)
+    assert a_c == pytest.approx(2 * 0.5 * expected / 4, rel=5 * eta)
 
 
 def test_unloading_returns_contacts():
     """Without irreversible spread z and a_c are functions of the stress; with it, what a loop leaves is isotropic."""
     stress = (-PRESSURE, -PRESSURE, 0.0)
     loop = [Leg(target=(-1.2e5, -0.8e5, 0.0), increments=6), Leg(target=stress, increments=6)]
-    for fluctuation, reversible in ((0.0, True), (0.25, False)):
-        closure = Closure(force_change="shifted_distribution", fluctuation=fluctuation)
-        columns = drive(law(closure=closure), stress, loop).columns
+    for irreversible, effects in ((0.0, Effects()), (2.3, Effects(irreversible_spread=False)), (2.3, Effects())):
+        closure = Closure(
+            force_change="shifted_distribution", tangential="frictional", irreversible_scatter=irreversible
+        )
+        columns = drive(law(effects, closure), stress, loop).columns
+        reversible = irreversible == 0.0 or not effects.irreversible_spread
         z = columns["coordination"]
         assert z[6] < z[0] - 0.05
         if reversible:
@@ -123,7 +228,7 @@ def test_second_cycle_retraces_the_first():
     """S_i grows on virgin loading only."""
     stress = (-PRESSURE, -PRESSURE, 0.0)
     legs = [Leg(target=(-1.2e5, -0.8e5, 0.0), increments=5), Leg(target=stress, increments=5)] * 3
-    z = drive(law(closure=Closure(force_change="shifted_distribution")), stress, legs).columns["coordination"]
+    z = drive(law(closure=SHIFTED), stress, legs).columns["coordination"]
     # at the top of a later cycle the last bit of reloading may count as virgin: 1e-6 of the error control
     assert z[10:21] == pytest.approx(z[20:31], abs=1e-5)
 
