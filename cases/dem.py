@@ -15,6 +15,7 @@ from dem_ref.neighbours import CellTooSmallError
 from dem_ref.packing import PackingError, make_packing
 from dem_ref.probes import ProbeError
 from dem_ref.sample import Sample, SampleError, load_sample, save_sample
+from dem_ref.weak_contacts import LOOP_STRESS_RATIO
 
 from . import files
 from .compile_watch import CompileWatch, watching
@@ -38,7 +39,9 @@ class _Stopped(Exception):
     """Ctrl-C between two parts of the packing."""
 
 
-def measured_inputs(sample: Sample, rattlers: str = "included", loop_stress_ratio: float = 0.2) -> dict[str, float]:
+def measured_inputs(
+    sample: Sample, rattlers: str = "included", loop_stress_ratio: float = LOOP_STRESS_RATIO
+) -> dict[str, float]:
     """Everything measured on a packing that the point law may take, by the names of scene keys.
 
     Besides `dem_ref.material.measure_material` the fabric of the packing itself, which is isotropic only on average.

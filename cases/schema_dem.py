@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from dem_ref.weak_contacts import LOOP_STRESS_RATIO
+
 from .schema_base import Control, Positive, Scene, Section, Triple
 
 Loading = Literal["constant_pressure", "constant_lateral_stress", "isotropic", "invariants", "rotation", "components"]
@@ -110,7 +112,7 @@ class Measure(Section):
         default="included", description="counting of the coordination number in material.toml"
     )
     loop_stress_ratio: Annotated[float, Field(gt=0.0, le=0.5)] = Field(
-        default=0.2, description="q/p of the loop that gives the force anisotropy and the fluctuation"
+        default=LOOP_STRESS_RATIO, description="q/p of the loops that give the force anisotropy, slip and scatter"
     )
 
 

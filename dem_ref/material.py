@@ -1,12 +1,28 @@
-"""The material table of the point law, measured on a packing."""
+"""The material table of the point law, measured on a packing.
+
+Everything comes from the packing itself or from probes that go no further than 5 % in p and q/p = 0.05:
+
+===============================================  ===============================================================
+the packing at rest                              coordination, solid_fraction, force_density_at_zero,
+                                                 gap_density_at_zero, neighbours
+elastic probes of 0.2 % of p                     bulk_reduction, shear_reduction, weak_contact_ratio,
+                                                 weak_contact_ratio_isotropic, elastic_scatter,
+                                                 elastic_scatter_isotropic, fluctuation, tangential_force_ratio,
+                                                 slip_delay (with the friction coefficient)
+an isotropic unloading by 5 %                    isostatic_coordination
+loops to q/p = 0.05                              force_anisotropy_ratio, slip, irreversible_scatter
+===============================================  ===============================================================
+"""
 
 from __future__ import annotations
 
 from dem_ref.distribution import force_distribution
-from dem_ref.measure import contacts_of, coordination_number
-from dem_ref.probes import loading_loop, measure_elasticity, settled, shear_modulus
+from dem_ref.legs import stress_invariants
+from dem_ref.measure import contacts_of, coordination_number, force_harmonics, love_weber_stress
+from dem_ref.probes import ELASTIC_LIMITS, elastic_moduli, elastic_probes, shear_modulus, stress_probe
 from dem_ref.sample import Sample, SampleError
 from dem_ref.tessellation import gap_distribution
+from dem_ref.weak_contacts import LOOP_STRESS_RATIO, measure_slip, measure_weak_contacts
 
 RATTLERS = ("included", "excluded")
 MATERIAL_KEYS = (
@@ -14,11 +30,22 @@ MATERIAL_KEYS = (
     "gap_density_at_zero", "neighbours", "force_anisotropy_ratio", "bulk_reduction", "shear_reduction",
     "isostatic_coordination",
 )  # fmt: skip
-CLOSURE_KEYS = ("weak_contact_ratio", "weak_contact_ratio_isotropic", "elastic_scatter", "fluctuation")
+CLOSURE_KEYS = (
+    "weak_contact_ratio", "weak_contact_ratio_isotropic", "elastic_scatter", "elastic_scatter_isotropic",
+    "irreversible_scatter", "tangential_force_ratio", "slip", "slip_delay", "fluctuation",
+)  # fmt: skip
+
+CLOSING_FORCE = 0.2
+"""Gaps are counted up to the displacement that changes a contact force by this share of the mean force: the density of
+gaps diverges weakly at zero, and loading closes those that lie within such displacements."""
+UNLOADING = 0.05
+"""Share of p taken off to see how the shear modulus falls with the coordination number."""
 
 
-def measure_material(sample: Sample, rattlers: str = "included", loop_stress_ratio: float = 0.2) -> dict[str, float]:
-    """All inputs of the point law, measured on an isotropic packing and on small probes of it.
+def measure_material(
+    sample: Sample, rattlers: str = "included", loop_stress_ratio: float = LOOP_STRESS_RATIO
+) -> dict[str, float]:
+    """All inputs of the point law but those of sliding, measured on an isotropic packing and on small probes of it.
 
     Parameters
     ----------
@@ -27,9 +54,9 @@ def measure_material(sample: Sample, rattlers: str = "included", loop_stress_rat
     rattlers : str
         ``"included"``: coordination over all particles, to which the uniform-strain moduli and the mean force refer;
         ``"excluded"``: without rattlers. The isostatic coordination follows the same counting: it is where the straight
-        line through the elastic shear moduli at the start and at the top of the loop, over z, reaches zero.
+        line through the elastic shear moduli before and after an isotropic unloading, over z, reaches zero.
     loop_stress_ratio : float
-        q/p of the loop at constant p from which the force anisotropy ratio and the fluctuation come.
+        q/p of the loops at constant p.
 
     Returns
     -------
@@ -40,33 +67,46 @@ def measure_material(sample: Sample, rattlers: str = "included", loop_stress_rat
         raise SampleError(f"rattlers is '{rattlers}', legal are 'included' and 'excluded'")
     contacts = contacts_of(sample)
     z = coordination_number(sample, contacts)
-    forces = force_distribution(contacts)
-    gaps = gap_distribution(sample)
-    moduli, weak = measure_elasticity(sample)
-    loop = loading_loop(sample, loop_stress_ratio)
-    top = settled(loop.loaded)
-    z_top = coordination_number(top)
-    z0, z1 = (
-        (z.all_particles, z_top.all_particles)
-        if rattlers == "included"
-        else (z.without_rattlers, z_top.without_rattlers)
-    )
-    softening = 1.0 - shear_modulus(top) / shear_modulus(sample)
-    isostatic = z0 - (z0 - z1) / softening
+    gaps = gap_distribution(sample, window=CLOSING_FORCE * mean_overlap(sample) / sample.mean_diameter)
+    isotropic, shear = elastic_probes(sample)
+    moduli = elastic_moduli(sample, isotropic, shear)
+    weak = measure_weak_contacts(sample, isotropic, shear)
+    loop = measure_slip(sample, loop_stress_ratio)
     return {
-        "coordination": z0,
+        "coordination": z.all_particles if rattlers == "included" else z.without_rattlers,
         "solid_fraction": sample.solid_fraction,
         "normal_stiffness": sample.normal_stiffness,
         "stiffness_ratio": sample.stiffness_ratio,
-        "force_density_at_zero": forces.at_zero.value,
-        "gap_density_at_zero": gaps.at_zero.value,
+        "force_density_at_zero": force_distribution(contacts).at_zero.value,
+        "gap_density_at_zero": gaps.mean_density,
         "neighbours": gaps.neighbours,
         "force_anisotropy_ratio": loop.force_anisotropy_ratio,
         "bulk_reduction": moduli.bulk_reduction,
         "shear_reduction": moduli.shear_reduction,
-        "isostatic_coordination": isostatic,
+        "isostatic_coordination": isostatic_coordination(sample, moduli.shear, rattlers),
         "weak_contact_ratio": weak.ratio,
         "weak_contact_ratio_isotropic": weak.ratio_isotropic,
         "elastic_scatter": weak.scatter,
-        "fluctuation": loop.fluctuation,
+        "elastic_scatter_isotropic": weak.scatter_isotropic,
+        "irreversible_scatter": loop.irreversible_scatter,
+        "tangential_force_ratio": weak.tangential_ratio,
+        "slip": loop.slip,
+        "slip_delay": sample.friction / weak.tangential_response,
+        "fluctuation": weak.fluctuation,
     }
+
+
+def mean_overlap(sample: Sample) -> float:
+    """Mean normal force over kn [m]."""
+    return force_harmonics(contacts_of(sample)).mean / sample.normal_stiffness
+
+
+def isostatic_coordination(sample: Sample, modulus: float, rattlers: str) -> float:
+    """Coordination number where a straight line through G(z) reaches zero; G [Pa] of the packing itself is given."""
+    p = stress_invariants(love_weber_stress(sample))[0]
+    unloaded = stress_probe(sample, -UNLOADING * p, 0.0, limits=ELASTIC_LIMITS).sample
+    before, after = coordination_number(sample), coordination_number(unloaded)
+    counted = "all_particles" if rattlers == "included" else "without_rattlers"
+    z0, z1 = getattr(before, counted), getattr(after, counted)
+    softening = 1.0 - shear_modulus(unloaded) / modulus
+    return z0 - (z0 - z1) / softening if softening > 0.0 else float("nan")

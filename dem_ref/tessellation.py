@@ -115,6 +115,8 @@ class GapDistribution:
         Maximum-likelihood exponent b of a power law ``xi^-b`` on (0, window); a frictionless packing at the onset of
         rigidity has a weak divergence there, so that P_xi0 depends on the window.
     window : float
+    mean_density : float
+        Share of the gaps that lie within the window, over the window: P_xi0 for displacements of that size.
     neighbours : float
         Mean number of neighbours in the tessellation.
     """
@@ -123,6 +125,7 @@ class GapDistribution:
     at_zero: EdgeFit
     small_gap_exponent: float
     window: float
+    mean_density: float
     neighbours: float
 
 
@@ -135,4 +138,7 @@ def gap_distribution(
     small = xi[(xi > 0.0) & (xi < window)]
     exponent = 1.0 - len(small) / float(np.sum(np.log(window / small))) if len(small) else 0.0
     edges = np.linspace(0.0, 0.8, bins + 1)
-    return GapDistribution(histogram(xi, edges), edge_density(xi, window), exponent, window, pairs.mean_number)
+    mean_density = len(small) / (window * max(len(xi), 1))
+    return GapDistribution(
+        histogram(xi, edges), edge_density(xi, window), exponent, window, mean_density, pairs.mean_number
+    )

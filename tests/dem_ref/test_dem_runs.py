@@ -10,9 +10,10 @@ from dem_ref.events import directional_change, match_contacts
 from dem_ref.material import CLOSURE_KEYS, MATERIAL_KEYS, measure_material
 from dem_ref.measure import contacts_of, coordination_number, fabric_anisotropy
 from dem_ref.path import Segment, biaxial_test, loading_cycles, principal_rotation
-from dem_ref.probes import loading_loop, measure_elasticity, shear_modulus, stress_probe
+from dem_ref.probes import elastic_moduli, elastic_probes, shear_modulus, stress_probe
 from dem_ref.sample import Sample, SampleError
 from dem_ref.servo import RateLimits
+from dem_ref.weak_contacts import measure_slip, measure_weak_contacts
 
 P = 1e5
 
@@ -163,21 +164,38 @@ def test_isotropic_probes_open_contacts_but_hardly_close_any(large_packing):
 
 
 def test_moduli_are_below_uniform_strain_by_known_factors(large_packing):
-    moduli, weak = measure_elasticity(large_packing)
+    isotropic, shear = elastic_probes(large_packing)
+    moduli = elastic_moduli(large_packing, isotropic, shear)
+    weak = measure_weak_contacts(large_packing, isotropic, shear)
     assert moduli.bulk_reduction == pytest.approx(0.89, abs=0.03)
     assert moduli.shear_reduction == pytest.approx(0.70, abs=0.03)
     assert 0.5 < weak.ratio < 0.95 and 0.4 < weak.ratio_isotropic < 0.8
-    assert 0.3 < weak.scatter < 0.6
+    assert 0.3 < weak.scatter < 0.6 and 0.2 < weak.scatter_isotropic < 0.5
+    # a_n + a_t = 2 s in an elastic probe, so that a_t is the lesser part for kt = kn
+    assert 0.7 < weak.tangential_ratio < 0.85
 
 
 def test_loop_returns_most_lost_contacts(large_packing: Sample):
-    loop = loading_loop(large_packing, 0.2)
-    start, top, end = contacts_of(large_packing), contacts_of(loop.loaded), contacts_of(loop.unloaded)
+    run = DemRun(large_packing, RunOptions(tuple(loading_cycles(0.2)[:2])))
+    loaded = None
+    while not run.finished:
+        run.advance()
+        if run.segment == 1 and loaded is None:
+            loaded = run.sample.copy()
+    start, top, end = contacts_of(large_packing), contacts_of(loaded), contacts_of(run.sample)
     lost_top, lost_end = match_contacts(start, top).lost, match_contacts(start, end).lost
     assert np.count_nonzero(lost_top & ~lost_end) > 0.5 * np.count_nonzero(lost_top)
     # what stays open is spread over all directions
     assert np.hypot(*fabric_anisotropy(end)) < 0.35 * np.hypot(*fabric_anisotropy(top))
-    assert shear_modulus(loop.loaded) < shear_modulus(large_packing)
+    assert shear_modulus(loaded) < shear_modulus(large_packing)
+
+
+def test_slip_grows_with_the_square_of_the_stress_ratio(large_packing):
+    """Thresholds spread evenly above zero: what a loop leaves, over s^2, does not depend on s (to the sampling error)."""
+    small, large = measure_slip(large_packing, 0.025), measure_slip(large_packing, 0.1)
+    assert small.slip == pytest.approx(1.0, abs=0.35)
+    assert large.slip == pytest.approx(small.slip, rel=0.3)
+    assert large.irreversible_scatter == pytest.approx(small.irreversible_scatter, rel=0.5)
 
 
 def test_material_table_has_the_keys_of_a_scene(packing):
