@@ -136,6 +136,7 @@ def _gaps(path: Path, study: Study) -> Path:
         pooled_fit([part.at_zero for part in parts]),
         float(np.mean([part.small_gap_exponent for part in parts])),
         parts[0].window,
+        float(np.mean([part.mean_density for part in parts])),
         float(np.mean([part.neighbours for part in parts])),
     )
     with picture(path, 10.5, 4.5) as figure:
