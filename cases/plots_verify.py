@@ -13,8 +13,10 @@ from dem_ref.distribution import Density, EdgeFit, ForceDistribution, force_dist
 from dem_ref.measure import contacts_of
 from dem_ref.tessellation import GapDistribution, gap_distribution, radical_neighbours
 
-from .plot_style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, picture
+from .plot_style import BLACK, BLUE, GREEN, ORANGE, RED, SKY, picture
+from .plots_closures import line_of
 from .plots_distribution import draw_force_density, draw_gap_density, draw_small_gaps, outline
+from .plots_verify_paths import draw_cycles, draw_rotation
 from .verify_dem import LOADINGS, SeedResult
 
 if TYPE_CHECKING:
@@ -29,18 +31,17 @@ SYMBOLS = {
     "tangential_force_anisotropy": "$a_t$",
     "mean_normal_force": "$f/f_0$",
 }
-LINES = (
-    (RED, "--"), (ORANGE, (0, (6, 1.5, 1.5, 1.5))), (GREEN, (0, (2, 1))), (BLUE, "-"), (PURPLE, "-."), (SKY, ":")
-)  # fmt: skip
 
 
 def draw_verify(folder: Path, study: Study) -> list[Path]:
-    """Draw `figure_1.png` to `figure_4.png`."""
+    """Draw `figure_1.png` to `figure_6.png`."""
     return [
         _decomposition(folder / "figure_1.png", study),
         _forces(folder / "figure_2.png", study),
         _gaps(folder / "figure_3.png", study),
         _comparison(folder / "figure_4.png", study),
+        draw_cycles(folder / "figure_5.png", study, _title("Model against DEM on two cycles and a reversal", study)),
+        draw_rotation(folder / "figure_6.png", study, _title("Model against DEM as the principal axes turn", study)),
     ]
 
 
@@ -155,7 +156,7 @@ def _comparison(path: Path, study: Study) -> Path:
             for one, (quantity, symbol) in zip(axes, SYMBOLS.items()):
                 _judged(one, x, study.dem[loading][quantity])
                 for place, closure in enumerate(study.closures):
-                    colour, style = LINES[place % len(LINES)]
+                    colour, style = line_of(place)
                     curve = study.model[loading][closure][quantity].mean(axis=0)
                     one.plot(x, curve, color=colour, linestyle=style, label=closure)
                 one.set(title=f"{symbol}, {text}", xlim=(0.0, 1.02 * float(x[-1])))

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constitutive.parameters import ParameterError
-from dem_ref.biaxial import DemRun, at_stress_ratios
 from dem_ref.neighbours import CellTooSmallError
 from dem_ref.packing import PackingError
 from dem_ref.probes import ProbeError
@@ -22,19 +21,18 @@ from .interruption import StopWish, stop_wish
 from .material_file import material_text
 from .record import Record
 from .screen import Screen
+from .verify_closures import CLOSURE_COLUMNS, PROBE_COLUMNS, closure_rows, probe_rows
 from .verify_dem import LOADINGS, STORE, DemStore, SeedResult, Stopped
-from .verify_model import closures, follow
+from .verify_evaluate import evaluate
+from .verify_paths import PATH_COLUMNS
 from .verify_study import Study
-from .verify_table import COLUMNS, TABLE_LEVELS, Comparison, compare, largest_errors
+from .verify_table import COLUMNS, TABLE_LEVELS, Comparison, largest_errors
 
 Array = NDArray[np.float64]
 
 PARTICLES, SEEDS = 2500, 1
 LEAST_PARTICLES, MOST_PARTICLES, MOST_SEEDS = 200, 200_000, 100
 COMPILATION_SECONDS = 60
-LEVELS = np.linspace(0.0, 0.3, 61)
-"""Stress ratios q/p at which curves are compared."""
-
 TITLE = "Point law against DEM"
 
 
@@ -118,44 +116,6 @@ def _judge(store: DemStore, seeds: Sequence[int], screen: Screen, stop: StopWish
     return results
 
 
-def evaluate(results: Sequence[SeedResult], levels: Array = LEVELS) -> Study:
-    """Run the model on the inputs of every packing and compare."""
-    dem: dict[str, dict[str, Array]] = {}
-    model: dict[str, dict[str, dict[str, Array]]] = {}
-    rows: list[Comparison] = []
-    messages: list[str] = []
-    seconds = {"model": 0.0}
-    for result in results:
-        for name, spent in result.seconds.items():
-            seconds[name] = seconds.get(name, 0.0) + spent
-    for name, closure in closures(results[0].inputs).items():  # compile before the clock runs
-        first = next(iter(LOADINGS))
-        follow(closure, results[0].inputs, first, pressure_of(results[0].runs[first]), levels[:2])
-        for loading in LOADINGS:
-            model.setdefault(loading, {})[name] = {}
-    for loading in LOADINGS:
-        tables = [at_stress_ratios(result.runs[loading].history(), levels.tolist()) for result in results]
-        dem[loading] = {column: np.array([table[column] for table in tables]) for column in tables[0]}
-        answers: dict[str, list[dict[str, Array]]] = {}
-        for result in results:
-            pressure = pressure_of(result.runs[loading])
-            for name, closure in closures(result.inputs).items():
-                curve = follow(closure, result.inputs, loading, pressure, levels)
-                answers.setdefault(name, []).append(curve.columns)
-                seconds["model"] += curve.seconds
-                if curve.message:
-                    messages.append(f"{name}, {LOADINGS[loading]}, seed {result.seed}: {curve.message}")
-        for name, curves in answers.items():
-            model[loading][name] = {column: np.array([curve[column] for curve in curves]) for column in curves[0]}
-            rows += compare(loading, name, dem[loading], model[loading][name], levels)
-    return Study(levels, dem, model, list(results), rows, seconds, messages)
-
-
-def pressure_of(run: DemRun) -> float:
-    """Mean pressure [Pa] at the start of a run."""
-    return float(run.history()["p"][0])
-
-
 def _write(study: Study, record: Record) -> None:
     """Tables, figures, and the measured inputs."""
     from .plots_verify import draw_verify
@@ -163,6 +123,9 @@ def _write(study: Study, record: Record) -> None:
 
     folder = record.folder
     files.write_text(folder / "verify.csv", files.csv_text(COLUMNS, [row.row() for row in study.rows]))
+    files.write_text(folder / "paths.csv", files.csv_text(PATH_COLUMNS, [row.row() for row in study.path_rows]))
+    files.write_text(folder / "probes.csv", files.csv_text(PROBE_COLUMNS, probe_rows(study)))
+    files.write_text(folder / "closures.csv", files.csv_text(CLOSURE_COLUMNS, closure_rows(study)))
     inputs = mean_inputs(study.results)
     files.write_text(folder / files.MATERIAL, material_text(inputs, f"mean of {len(study.results)} packings"))
     files.write_text(folder / "verify.md", summary(study))
@@ -194,6 +157,11 @@ def _report(study: Study | None, record: Record, screen: Screen) -> None:
             head = ["closure", "z [%]", "a_c", "a_n", "a_t", "f/f0 [%]"]
             title = f"{text}: largest error (model - DEM) at q/p = {', '.join(f'{ratio:g}' for ratio in TABLE_LEVELS)}"
             screen.table(title, head, rows)
+        screen.table(
+            "largest errors: loadings, cycles, rotation, probes; microseconds of an update with its tangent",
+            ["closure", "z [%]", "a_c", "a_n", "a_t", "f [%]", "z", "a_c", "z", "a_c", "z [%]", "a_c [%]", "us"],
+            [[str(row[0]), *(f"{value:.3g}" for value in row[1:])] for row in closure_rows(study)],
+        )
         dem = sum(value for name, value in study.seconds.items() if name != "model")
         computed = record.details["dem_computed_now"]
         read = len(study.results) - len(computed)

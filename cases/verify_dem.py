@@ -20,6 +20,8 @@ from dem_ref.sample import Sample, SampleError, load_sample, save_sample
 from . import files
 from .dem import measured_inputs
 from .dem_series import history_text
+from .verify_paths import PATHS
+from .verify_probes import dem_probes
 
 STORE = "dem"
 """Folder, inside the result folder, of what the DEM computed."""
@@ -33,8 +35,15 @@ LARGEST_STRAIN = 0.02
 Report = Callable[[str, float], None]
 
 
+def title_of(loading: str) -> str:
+    """What a loading or a path is."""
+    return LOADINGS[loading] if loading in LOADINGS else PATHS[loading][0]
+
+
 def loading_options(loading: str) -> RunOptions:
-    """Options of the DEM run of a loading."""
+    """Options of the DEM run of a loading or a path."""
+    if loading in PATHS:
+        return RunOptions(PATHS[loading][1])
     return RunOptions(tuple(biaxial_test(loading, STRESS_RATIO, LARGEST_STRAIN)))
 
 
@@ -50,7 +59,9 @@ class SeedResult:
     inputs : dict of str to float
         Measured inputs of the point law, by scene key.
     runs : dict of str to DemRun
-        One for each of `LOADINGS`.
+        One for each of `LOADINGS` and `PATHS`.
+    probes : dict of str to list of float
+        Changes of z and a_c in finite stress probes.
     seconds : dict of str to float
         Time of ``packing``, ``measuring`` and each loading, when they were computed.
     computed : bool
@@ -61,6 +72,7 @@ class SeedResult:
     packing: Sample
     inputs: dict[str, float] = field(default_factory=dict)
     runs: dict[str, DemRun] = field(default_factory=dict)
+    probes: dict[str, list[float]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     computed: bool = False
 
@@ -88,7 +100,7 @@ class DemStore:
         self._clock = clock
         self.particles = particles
         folder.mkdir(parents=True, exist_ok=True)
-        content = [loading_options(loading).fingerprint() for loading in LOADINGS]
+        content = [loading_options(loading).fingerprint() for loading in (*LOADINGS, *PATHS)]
         content += [str(particles), kernel_cache_directory().name]
         self._mark = hashlib.sha256("\n".join(content).encode()).hexdigest()[:10]
 
@@ -112,8 +124,15 @@ class DemStore:
                 notes["inputs"] = measured_inputs(result.packing)
             self._write_notes(seed, notes)
         result.inputs = notes["inputs"]
-        for place, loading in enumerate(LOADINGS):
-            result.runs[loading] = self._run(seed, loading, result, notes, report, stop, 0.6 + 0.2 * place)
+        if "probes" not in notes:
+            report("finite stress probes", 0.55)
+            result.computed = True
+            with self._timed(notes, "probes"):
+                notes["probes"] = dem_probes(result.packing)
+            self._write_notes(seed, notes)
+        result.probes = notes["probes"]
+        for place, loading in enumerate((*LOADINGS, *PATHS)):
+            result.runs[loading] = self._run(seed, loading, result, notes, report, stop, 0.6 + 0.1 * place)
         result.seconds = notes["seconds"]
         result.computed = result.computed or bool(notes.pop("computed", False))
         return result
@@ -156,7 +175,7 @@ class DemStore:
         notes["computed"] = True
         with self._timed(notes, loading):
             run.execute(
-                lambda state: report(LOADINGS[loading], begin + 0.2 * state.completed_fraction()),
+                lambda state: report(title_of(loading), begin + 0.1 * state.completed_fraction()),
                 stop,
                 checkpoint=path,
             )

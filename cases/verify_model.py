@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import get_args, get_type_hints
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 SOURCE = "mean_field"
 SOURCE_CLOSED = "mean_field, self-consistent"
+BEST = "shifted_distribution, frictional"
 
 
 @dataclass(frozen=True)
@@ -44,14 +45,19 @@ class Curve:
 def closures(inputs: Mapping[str, float]) -> dict[str, Closure]:
     """Every closure that the point law offers, by the name under which it is compared.
 
-    The source's neglects the change of a_t; all others, and the source's once more, take the self-consistent relation.
-    Measured parameters of a closure go to those that use them.
+    The source's neglects the change of a_t, and comes once more with the self-consistent relation, as do the others,
+    but that shifted weak forces go with friction (and once without). Measured parameters of a closure go to those that
+    use them.
     """
     found = {SOURCE: Closure(), SOURCE_CLOSED: Closure(tangential="self_consistent")}
-    measured = law_tables(inputs).get("closure", {})
-    for choice in get_args(get_type_hints(Closure)["force_change"]):
-        if choice != SOURCE:
-            found[choice] = Closure(force_change=choice, tangential="self_consistent", **measured)
+    measured: dict[str, Any] = law_tables(inputs).get("closure", {})
+    tables = law_tables(inputs)["material"]
+    if tables.get("isostatic_coordination", np.inf) < tables["coordination"]:
+        measured = {**measured, "shear_stiffness": "isostatic"}
+    found["fluctuating"] = Closure(force_change="fluctuating", tangential="self_consistent", **measured)
+    shifted = {"force_change": "shifted_distribution", **measured}
+    found["shifted_distribution, self-consistent"] = Closure(tangential="self_consistent", **shifted)
+    found[BEST] = Closure(tangential="frictional", **shifted)
     return found
 
 

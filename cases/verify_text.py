@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .verify_closures import CLOSURE_COLUMNS, closure_rows, probe_rows
 from .verify_dem import LOADINGS
 from .verify_model import SOURCE, SOURCE_CLOSED
+from .verify_paths import PATHS
 from .verify_table import QUANTITIES, TABLE_LEVELS, Comparison, largest_errors
 
 if TYPE_CHECKING:
@@ -30,6 +32,8 @@ CAPTIONS = (
     "Normal forces: the packing with the value at zero force, and the loaded sample by direction (DEM)",
     "Gaps between neighbours: the packing with the value at zero gap (DEM)",
     "Model against DEM: coordination number, anisotropies and mean force for both loadings",
+    "Two cycles of q/p to 0.2 at constant p, and a reversal to -0.2",
+    "Principal axes turned by 180 degrees at constant p and q/p = 0.2",
 )
 
 
@@ -93,9 +97,40 @@ def _worst(study: Study) -> str:
     return table(["loading: closure", "z", "a_c", "a_n", "a_t", "f/f0"], rows)
 
 
+def _closures(study: Study) -> str:
+    head = [
+        *("closure", "z", "a_c", "a_n", "a_t", "f/f0"),
+        *("cycles: z", "a_c", "rotation: z", "a_c", "probes: dz", "da_c", "µs"),
+    ]  # fmt: skip
+    rows = []
+    for row in closure_rows(study):
+        cells = [str(row[0])]
+        for name, value in zip(CLOSURE_COLUMNS[1:], row[1:]):
+            number = float(value)
+            if not math.isfinite(number):
+                cells.append("-")
+            elif "percent" in name:
+                cells.append(f"{number:.3g} %")
+            else:
+                cells.append(f"{number:.2f}" if "micro" in name else f"{number:.4f}")
+        rows.append(cells)
+    return table(head, rows)
+
+
+def _probes(study: Study) -> str:
+    rows = []
+    for probe, side, dz, dz_scatter, da, da_scatter in probe_rows(study):
+        cells = [f"{dz:+.4f}", f"{da:+.4f}"]
+        if side == "DEM" and math.isfinite(float(dz_scatter)):
+            cells = [f"{dz:+.4f} ± {dz_scatter:.4f}", f"{da:+.4f} ± {da_scatter:.4f}"]
+        rows.append([f"**{probe}**" if side == "DEM" else "", str(side), *cells])
+    return table(["probe", "side", "dz", "da_c"], rows)
+
+
 def _times(study: Study) -> str:
-    shown = {"packing": "DEM packing", "measuring": "DEM measuring of the inputs"}
+    shown = {"packing": "DEM packing", "measuring": "DEM measuring of the inputs", "probes": "DEM stress probes"}
     shown |= {loading: f"DEM loading, {text}" for loading, text in LOADINGS.items()}
+    shown |= {path: f"DEM, {text}" for path, (text, _) in PATHS.items()}
     count = len(study.results)
     curves = len(LOADINGS) * len(study.closures)
     shown["model"] = f"model, {curves} curves of {len(study.levels) - 1} increments"
@@ -125,9 +160,17 @@ def summary(study: Study) -> str:
         + yardstick,
         f"`{SOURCE}` is the source's closure with constant a_t, `{SOURCE_CLOSED}` the same with a_t from the "
         "stress-force-fabric relation.",
+        "## The closures side by side",
+        "Largest errors on both loadings to q/p = 0.3, on the cycles, on the turn of the axes and in the probes (of "
+        "the changes that are larger than 0.01); processor time of an update of one point with its tangent.",
+        _closures(study),
         "## Largest errors",
         _worst(study),
         f"![{CAPTIONS[3]}](figure_4.png)",
+        "## Paths that turn",
+        *(f"![{caption}](figure_{place}.png)\n\n{caption}." for place, caption in enumerate(CAPTIONS[4:], 5)),
+        "## Stress probes from the isotropic state",
+        _probes(study),
     ]
     for loading, text in LOADINGS.items():
         sections += [f"## Errors, {text}", _errors(study, loading)]

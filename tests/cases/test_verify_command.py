@@ -15,6 +15,7 @@ from cases import files, verify
 from cases.screen import Screen
 from cases.verify_dem import LOADINGS, DemStore
 from cases.verify_model import SOURCE, closures, follow
+from cases.verify_paths import PATH_COLUMNS, PATHS, positions, sampled
 from cases.verify_table import COLUMNS, QUANTITIES, TABLE_LEVELS, compare, largest_errors
 from cases.verify_text import table
 
@@ -97,14 +98,14 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_files_of_a_comparison(compared: Path, is_drawn: Callable) -> None:
-    figures = {f"figure_{number}.png" for number in range(1, 5)}
+    figures = {f"figure_{number}.png" for number in range(1, 7)}
     assert {file.name for file in compared.iterdir()} == figures | {
-        *("verify.csv", "verify.md", "run.json", "material.toml", "dem")
+        *("verify.csv", "verify.md", "run.json", "material.toml", "dem", "paths.csv", "probes.csv", "closures.csv")
     }
     assert all(is_drawn(compared / name) for name in figures)
     told = json.loads((compared / "run.json").read_text())
     assert told["kind"] == "verify" and told["dem_computed_now"] == [1, 2]
-    assert set(told["seconds"]) == {"packing", "measuring", *LOADINGS, "model"}
+    assert set(told["seconds"]) == {"packing", "measuring", "probes", *LOADINGS, *PATHS, "model"}
     columns = files.read_csv(compared / "verify.csv")
     assert tuple(columns) == COLUMNS
     names = set(columns["closure"])
@@ -112,6 +113,36 @@ def test_files_of_a_comparison(compared: Path, is_drawn: Callable) -> None:
     assert len(columns["closure"]) == len(LOADINGS) * len(names) * len(QUANTITIES) * len(TABLE_LEVELS)
     text = (compared / "verify.md").read_text()
     assert all(name in text for name in names) and all(f"({figure})" in text for figure in figures)
+
+
+def test_paths_probes_and_closures_of_a_comparison(compared: Path) -> None:
+    """Every closure on every path; a stored history read again gives the same number at the end of a segment."""
+    columns = files.read_csv(compared / "paths.csv")
+    assert tuple(columns) == PATH_COLUMNS and set(columns["path"]) == set(PATHS)
+    closures_told = files.read_csv(compared / "closures.csv")
+    assert set(closures_told["closure"]) == set(columns["closure"])
+    assert min(closures_told["microseconds_per_update"]) > 0.0
+    best = closures_told["closure"].index("shifted_distribution, frictional")
+    source = closures_told["closure"].index(SOURCE)
+    # what the source's rates lose on cycles is far beyond the scatter of small packings
+    assert closures_told["cycles_z_percent"][source] > 3 * closures_told["cycles_z_percent"][best]
+    found = []
+    for file in sorted((compared / "dem").glob("*_cycles.csv")):
+        history = {name: np.array(values) for name, values in files.read_csv(file).items()}
+        places, segments = positions(history)
+        assert set(segments) == {1, 2, 3, 4, 5}
+        found.append(sampled(history, places)["coordination"][np.flatnonzero(segments == 2)[-1]])
+    told = [
+        dem
+        for path, quantity, segment, share, dem in zip(
+            columns["path"], columns["quantity"], columns["segment"], columns["share"], columns["dem"]
+        )
+        if (path, quantity, segment, share) == ("cycles", "coordination", 2, 1.0)
+    ]
+    np.testing.assert_allclose(told, np.mean(found), rtol=1e-12)
+    probes = files.read_csv(compared / "probes.csv")
+    down = [dz for probe, dz in zip(probes["probe"], probes["coordination_change"]) if probe == "dp = -0.1 p"]
+    assert max(down) < 0.0
 
 
 def test_the_table_tells_what_the_dem_histories_say(compared: Path) -> None:
