@@ -127,7 +127,8 @@ class ContactLaw:
         if not self.effects.irreversible_spread:
             numbers["irreversible_scatter"] = 0.0
         self._numbers = np.array(list(numbers.values()))
-        circle = 2.0 * np.pi * np.arange(self.integration.directions) / self.integration.directions
+        around = max(8, self.integration.directions // 2)
+        circle = 2.0 * np.pi * np.arange(around) / around
         nodes, weights = np.polynomial.legendre.leggauss(self.integration.directions)
         self._rule = (nodes, weights, np.cos(circle), np.sin(circle))
 

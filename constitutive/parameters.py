@@ -220,7 +220,8 @@ class Integration:
         Integrals over the arcs of loss and gain. The maximum-entropy distribution has no closed form and always uses
         the quadrature.
     directions : int
-        Gauss points on each arc.
+        Gauss points on each arc. The closure "shifted_distribution", whose integrands are smooth over the whole circle,
+        takes half as many, equally spaced.
     """
 
     integrator: Integrator = "bogacki_shampine"

@@ -38,7 +38,7 @@ from .force_fabric import LENGTH as FABRIC_LENGTH
 from .weak_forces import negative_part, positive_part
 
 _ITERATIONS = 50
-_TOLERANCE = 1e-14
+_TOLERANCE = 1e-13
 
 # entries of a result: z, a_c (2), X_1 (2), A (2), then the derivatives of these seven by the INPUTS below, row by row
 Z, AC1, AC2, SHIFT1, SHIFT2, CARRIED1, CARRIED2, DERIVATIVES = 0, 1, 2, 3, 4, 5, 6, 7
@@ -165,11 +165,11 @@ def network_of(state, guess, origin, p0, normal, kind, c_n, numbers, cosines, si
         determinant = j11 * j22 - j12 * j21
         if not determinant > 1e-9:
             return False
+        step1, step2 = (j22 * f1 - j12 * f2) / determinant, (j11 * f2 - j21 * f1) / determinant
+        # so small a step would not be seen in what was evaluated
+        found = abs(step1) + abs(step2) <= _TOLERANCE * (1.0 + abs(x1) + abs(x2))
         if found:
             break
-        step1, step2 = (j22 * f1 - j12 * f2) / determinant, (j11 * f2 - j21 * f1) / determinant
-        # one more evaluation at the solution gives derivatives that belong to it
-        found = abs(step1) + abs(step2) <= _TOLERANCE * (1.0 + abs(x1) + abs(x2))
         x1 -= step1
         x2 -= step2
     if not found:
