@@ -251,13 +251,18 @@ def test_normal_functions_in_the_tails():
         assert upper_tail(u) == pytest.approx(np.exp(norm.logsf(u)), rel=3e-13 if u > 8 else 1e-14)
         assert normal_density(u) == pytest.approx(norm.pdf(u), rel=3e-13)
     known = {
-        0.0: 0.398942280401432677939946,
-        3.0: 3.821543170477236e-4,
-        4.0: 7.1452584324056668e-6,
-        10.0: 7.474560254589328e-25,
+        0.0: (0.398942280401432677939946, 1e-15),
+        2.0: (0.00849070261682963755, 1e-14),
+        3.0: (3.821543170477236e-4, 2e-14),
+        4.0: (7.1452584324056668e-6, 5e-14),  # the difference phi - u Phi(-u) amplifies rounding by 19
+        5.0: (5.34616553383281495e-8, 1e-14),
+        7.0: (1.76032601163748312e-13, 1e-14),
+        13.0: (4.65140375919679108e-40, 1e-14),
+        25.0: (1.21879704629903686e-139, 1e-14),
+        37.0: (1.54519919051220246e-301, 1e-14),
     }
-    for u, value in known.items():
-        assert excess_and_tail(u)[0] == pytest.approx(value, rel=1e-13)
+    for u, (value, accuracy) in known.items():
+        assert excess_and_tail(u)[0] == pytest.approx(value, rel=accuracy)
 
 
 @pytest.mark.parametrize("x", [-2.0, -1e-3, 0.0, 1e-3, 2.0])
