@@ -111,7 +111,7 @@ class ContactLaw:
                 self.effects.contact_gain,
                 self.effects.principal_rotation,
                 self.effects.stiffness_feedback or not self.effects.network_changes,
-                _TANGENTIAL[self.closure.tangential],
+                _TANGENTIAL[self.closure.tangential_rule],
                 MAXIMUM_ENTROPY if entropy else HARMONIC,
                 self.integration.arc_integration == "closed_form",
                 _FORCE_CHANGE[self.closure.force_change] if self.effects.network_changes else MEAN_FIELD,
@@ -202,7 +202,7 @@ class ContactLaw:
 
     def _initial_anisotropies(self, s: Array, fabric: Array, c_n: Array) -> tuple[Array, Array, Array]:
         """a_n, a_t (npt, 2), mu (npt,) of `force_fabric` for given s and a_c; mu is 1 if the closure leaves it out."""
-        if not (self.closure.tangential == "frictional" and self.effects.network_changes):
+        if not (self.closure.tangential_rule == "frictional" and self.effects.network_changes):
             return c_n * s, 2.0 * s - fabric - c_n * s, np.ones(len(s))
         normal, tangential, mu = np.zeros_like(s), np.zeros_like(s), np.ones(len(s))
         initial_force_fabric(

@@ -145,8 +145,8 @@ class Closure:
         with a scatter proportional to the strain, or the distribution of weak forces is followed as it is shifted and
         spread.
     tangential : {"neglected", "self_consistent", "frictional"}
-        ``b = 2 ds`` (the source, a_t constant), ``b = c_n ds + da_c``, or a_t limited by friction, ``b = 2 ds - da_t``
-        (with "shifted_distribution", which takes "neglected" as "self_consistent").
+        ``b = 2 ds`` (the source, a_t constant), ``b = c_n ds + da_c``, or a_t limited by friction, ``b = 2 ds - da_t``.
+        The last goes with "shifted_distribution" only, which takes it unless "self_consistent" is asked for.
     distribution : {"harmonic", "maximum_entropy"}
         Directional density of contacts for a given a_c; not used by "shifted_distribution", which has its own.
     shear_stiffness : {"uniform_strain", "isostatic"}
@@ -199,6 +199,13 @@ class Closure:
                 f"closure.tangential = 'frictional' goes with force_change = 'shifted_distribution', not with "
                 f"{self.force_change!r}"
             )
+
+    @property
+    def tangential_rule(self) -> Tangential:
+        """What is done about a_t: `tangential`, or "frictional" where shifted weak forces leave it open."""
+        if self.force_change == "shifted_distribution" and self.tangential == "neglected":
+            return "frictional"
+        return self.tangential
 
 
 @dataclass(frozen=True, kw_only=True)
