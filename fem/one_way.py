@@ -171,6 +171,10 @@ class OneWayRun:
     def _advance(self, index: int, way: StageCourse, end: float) -> int:
         """States at a position within the stage; substeps over all points, -1 if a point cannot get there."""
         control, material = self._control, self._system.material
+        if not way.strain.any():
+            # a zero increment changes nothing, so the law need not be asked
+            self._committed = end
+            return 0
         nominal = 1.0 / self._problem.stages[index].increments
         tried, substeps = end - self._committed, 0
         while self._committed < end:

@@ -108,8 +108,8 @@ def test_one_solve_a_stage_one_factorisation_for_equal_supports_no_tangents(spac
     assert counters["linear_solves"] == 2 and counters["line_searches"] == counters["cuts"] == 0
     assert [step.iterations for step in steps] == [0, 0, 1, 0, 0, 0, 0, 0, 1, 0, 0]
     assert sum(step.factorisations for step in steps) == 1
-    # the stiffness of the initial state once, then one call a result
-    assert law.tangents == 1 and law.calls == 1 + len(steps) == counters["law_calls"]
+    # the stiffness of the initial state once, then one call a result, but for the stage in which nothing moves
+    assert law.tangents == 1 and law.calls == 1 + len(steps) - 2 == counters["law_calls"]
     _, other = computed(space, Declared(OFF, True))
     assert other.counters["factorisations"] == 2  # the last stage holds other degrees of freedom
 
@@ -121,7 +121,7 @@ def test_steps_between_results_are_passed_over(space):
     steps, summary = computed(space, few, StepControl(report_every=4))
     # each fourth step, counted through, and the ends of stages
     assert [step.step for step in steps] == [2, 4, 8, 11, 12, 15]
-    assert summary.counters["steps"] == 6 and few.calls == 7 and few.calls < every.calls
+    assert summary.counters["steps"] == 6 and few.calls == 6 and few.calls < every.calls
     for step in steps:
         (same_step,) = [other for other in all_steps if other.step == step.step]
         assert same_step.fraction == step.fraction and same_step.stage == step.stage
