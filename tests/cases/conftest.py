@@ -11,6 +11,12 @@ import pytest
 from matplotlib.image import imread
 
 from cases.cli import main
+from cases.prepare import prepare
+from cases.scene import load
+from fem.initial import initial_result
+from fem.problem import Problem
+from fem.results import StepResult
+from fem.stepping import solve
 
 
 class Result(NamedTuple):
@@ -51,3 +57,17 @@ def is_drawn() -> Callable[[Path], bool]:
         return min(image.shape[:2]) > 300 and 0.005 < float(inked.mean()) < 0.9 and bool(coloured.any())
 
     return look
+
+
+@pytest.fixture
+def solve_scene() -> Callable[..., tuple[Problem, list[StepResult]]]:
+    """Solve a shipped field scene with ``key=value`` assignments, without files; the problem and all its steps."""
+
+    def solved(name: str, *assignments: str) -> tuple[Problem, list[StepResult]]:
+        prepared = prepare(load(name, assignments))
+        steps: list[StepResult] = [initial_result(prepared.problem)]
+        summary = solve(prepared.problem, prepared.control, on_step=steps.append)
+        assert summary.finished, summary.message
+        return prepared.problem, steps
+
+    return solved

@@ -1,0 +1,47 @@
+"""Pictures of docs/scenes.md: runs every shipped field scene and shrinks what it draws.
+
+    python docs/scene_figures.py [RESULTS]
+
+Finished runs in RESULTS (results/scenes if not given) are used again.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from PIL import Image
+
+from cases.catalogue import shipped
+
+FIGURES = Path(__file__).resolve().parent / "figures"
+WIDTH = 900
+
+
+def shrink(source: Path, target: Path, width: int = WIDTH) -> None:
+    """Smaller copy of a picture in 64 colours."""
+    image = Image.open(source).convert("RGB")
+    image = image.resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS)
+    image.quantize(64, dither=Image.Dither.NONE).save(target, optimize=True)
+
+
+def main(results: Path) -> None:
+    """Run what is not finished, then draw."""
+    for name, entry in shipped().items():
+        if entry.kind != "field" or entry.file.parent.name.startswith("effects"):
+            continue
+        folder = results / name
+        record = folder / "run.json"
+        if not record.is_file() or json.loads(record.read_text())["outcome"] != "finished":
+            command = [sys.executable, "-m", "cases", "run", name, "-o", str(folder), "--set", "output.every=1000"]
+            subprocess.run(command, check=True)
+        subprocess.run([sys.executable, "-m", "cases", "plot", str(folder)], check=True)
+        shrink(folder / "overview.png", FIGURES / f"scene_{name}.png")
+        if (folder / "closed_form.png").is_file():
+            shrink(folder / "closed_form.png", FIGURES / f"scene_{name}_closed_form.png", WIDTH // 2)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("results/scenes"))
