@@ -21,10 +21,10 @@ WIDTH = 900
 
 
 def shrink(source: Path, target: Path, width: int = WIDTH) -> None:
-    """Smaller copy of a picture in 64 colours."""
+    """Smaller copy of a picture in 200 colours."""
     image = Image.open(source).convert("RGB")
     image = image.resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS)
-    image.quantize(64, dither=Image.Dither.NONE).save(target, optimize=True)
+    image.quantize(200, dither=Image.Dither.NONE).save(target, optimize=True)
 
 
 def main(results: Path) -> None:
