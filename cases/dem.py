@@ -15,6 +15,7 @@ from dem_ref.neighbours import CellTooSmallError
 from dem_ref.packing import PackingError, make_packing
 from dem_ref.probes import ProbeError
 from dem_ref.sample import Sample, SampleError, load_sample, save_sample
+from dem_ref.sliding import measure_sliding
 from dem_ref.weak_contacts import LOOP_STRESS_RATIO
 
 from . import files
@@ -23,7 +24,7 @@ from .dem_path import PathError, packing_options, run_options
 from .dem_series import DemSeries, history_text
 from .errors import InputError, RunError
 from .interruption import StopWish, stop_wish
-from .material_file import material_text
+from .material_file import material_text, read_material
 from .record import Record, resolved
 from .scene import LoadedScene
 from .screen import Screen, spread
@@ -99,6 +100,8 @@ def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = Fa
             sample = kept[0] or _packing(scene, record, screen, stop, watch)
             _measure(scene, sample, record, screen, watch)
             run = _load(loaded.name, kept[1] or DemRun(sample, options), sample, record, screen, stop, watch)
+            if scene.measure.sliding and run.finished:
+                _measure_sliding(scene, run, record, screen)
         except _Stopped:
             record.outcome, record.message = "stopped", "stopped while packing"
             run = None
@@ -194,6 +197,32 @@ def _measure(scene: Any, sample: Sample, record: Record, screen: Screen, watch: 
             return
     files.write_text(path, material_text(measured, record.scene["title"]))
     record.details["material"] = files.MATERIAL
+
+
+def _measure_sliding(scene: Any, run: DemRun, record: Record, screen: Screen) -> None:
+    """Add the parameters of sliding, from the first leg, to `material.toml`."""
+    path = record.folder / files.MATERIAL
+    if not path.is_file():
+        return
+    tables = read_material(path)
+    measured = {**tables["material"], **tables.get("closure", {})}
+    history = run.history()
+    # the last record of a leg already bears the number of the next
+    last = int(np.argmax(history["segment"] > 0)) or len(history["segment"]) - 1
+    history = {name: column[: last + 1] for name, column in history.items()}
+    try:
+        sliding, misfit = measure_sliding(history, measured, scene.measure.rattlers)
+    except SampleError as error:
+        record.details["sliding"] = f"not measured: {error}"
+        screen.say(f"the parameters of sliding could not be measured: {error}")
+        return
+    files.write_text(path, material_text(measured | sliding, record.scene["title"]))
+    record.details["sliding"] = {**sliding, "misfit": misfit}
+    screen.say(
+        f"sliding: peak {sliding['peak_stress_ratio']:.3f}, reference strain "
+        f"{sliding['reference_plastic_strain']:.2e}, dilatancy {sliding['dilatancy']:.2f} from q/p = "
+        f"{sliding['constant_volume_stress_ratio']:.2f} on; q/p at given strain within {100 * misfit:.1f} % of the run"
+    )
 
 
 def _load(

@@ -114,6 +114,17 @@ class Measure(Section):
     loop_stress_ratio: Annotated[float, Field(gt=0.0, le=0.5)] = Field(
         default=LOOP_STRESS_RATIO, description="q/p of the loops that give the force anisotropy, slip and scatter"
     )
+    sliding: bool = Field(
+        default=False,
+        description="the parameters of sliding as well, from the first leg: driven by strain at constant pressure "
+        "well beyond the peak of q/p",
+    )
+
+    @model_validator(mode="after")
+    def _sliding_needs_the_others(self) -> Measure:
+        if self.sliding and not self.material:
+            raise ValueError("sliding = true needs material = true: the moduli take the elastic strain off")
+        return self
 
 
 class DemOutput(Section):

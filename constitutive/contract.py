@@ -38,6 +38,7 @@ class Status(IntEnum):
     TOO_MANY_SUBSTEPS = 5
     NOT_FINITE = 6
     NOT_CONVERGED = 7
+    BEYOND_PEAK = 8
 
 
 STATUS_TEXT: dict[Status, str] = {
@@ -52,6 +53,8 @@ STATUS_TEXT: dict[Status, str] = {
     "try a smaller step or a looser tolerance",
     Status.NOT_FINITE: "the input holds a value that is not finite",
     Status.NOT_CONVERGED: "the local equations did not converge; try a smaller step",
+    Status.BEYOND_PEAK: "the stress is outside the cone of sliding or shall pass its peak stress ratio, which no "
+    "strain can reach; prescribe strain in at least one component, or a smaller stress ratio",
 }
 
 

@@ -26,6 +26,9 @@ class Effects:
     irreversible_spread : bool
         The weak forces keep a spread that grows with the largest q/p so far (closure "shifted_distribution"). If off,
         z and a_c return with the stress.
+    sliding : bool
+        Grains slide: plastic strain on a hardening cone in p and the stress ratio (see `sliding`). If off, strain is
+        elastic and the stress ratio unbounded.
     """
 
     contact_loss: bool = True
@@ -33,6 +36,7 @@ class Effects:
     principal_rotation: bool = True
     stiffness_feedback: bool = True
     irreversible_spread: bool = True
+    sliding: bool = False
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
@@ -47,4 +51,4 @@ class Effects:
     @property
     def linear_response(self) -> bool:
         """Whether stress depends linearly on strain: the stiffness is that of the initial state and stays so."""
-        return not (self.network_changes and self.stiffness_feedback) and not getattr(self, "sliding", False)
+        return not (self.network_changes and self.stiffness_feedback) and not self.sliding

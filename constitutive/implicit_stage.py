@@ -13,6 +13,7 @@ lane that is not solved in `MOST_PASSES` fails, and its substep is shortened. Re
 import math
 
 from .compilation import compiled
+from .cone_return import improve_plastic_stage
 from .contract import Status
 from .lanes import (
     ADVANCED,
@@ -113,7 +114,7 @@ def _mix(w, iterate, offset, first):
 
 
 @compiled(**KERNEL_OPTIONS)
-def improve_stage(w, number, diagonal, tolerance, passes, derivatives):
+def improve_stage(w, number, diagonal, tolerance, passes, derivatives, sliding):
     """Compare the rates just evaluated with those they were evaluated for; take the next iterate where they differ.
 
     Parameters
@@ -128,7 +129,7 @@ def improve_stage(w, number, diagonal, tolerance, passes, derivatives):
         Largest error of the stage's state (stress over p, z relative, a_c), and relative one of the derivatives.
     passes : int
         Evaluations so far, this one included.
-    derivatives : bool
+    derivatives, sliding : bool
 
     Returns
     -------
@@ -139,6 +140,8 @@ def improve_stage(w, number, diagonal, tolerance, passes, derivatives):
     for lane in range(LANES):
         w[EVALUATIONS + lane] += w[SOLVING + lane]
         w[SETTLED + lane] = w[SOLVING + lane]
+    if sliding:
+        improve_plastic_stage(w, number, diagonal, tolerance, derivatives)
     for block in range(1 + COLUMNS if derivatives else 1):
         offset = block * UNKNOWNS * L
         _measure(w, iterate, offset)

@@ -12,11 +12,21 @@ import math
 import numpy as np
 
 from .compilation import compiled
+from .cone_return import (
+    accept_plastic,
+    estimate_plastic_error,
+    finish_sliding,
+    forget_crossing,
+    load_sliding,
+    plastic_tangent,
+)
 from .contract import Status
+from .crossing import TAKEN_BACK, any_crossed, carry_across, judge_substep
 from .end_values import finish_point, finish_weak_forces, network_at_end
 from .implicit_stage import ROUNDING, SHARE_OF_TOLERANCE
 from .lanes import (
     ACCEPT,
+    CROSSED,
     EVALUATIONS,
     FEEDBACK,
     FORCE_CHANGE,
@@ -30,12 +40,14 @@ from .lanes import (
     REFERENCE_Z,
     SHIFTED_DISTRIBUTION,
     SIZE,
+    SLIDING,
     SLOT_SCALE,
     START_P,
     STEP,
     SUMS,
     TY,
     UNKNOWNS,
+    WHOLE_STEP,
     WORST,
     L,
     Y,
@@ -106,6 +118,7 @@ def update_points(
     stage_tolerance = ROUNDING if fixed else max(ROUNDING, SHARE_OF_TOLERANCE * tolerance)
     network = options[LOSS] != 0 or options[GAIN] != 0
     shifted = network and options[FORCE_CHANGE] == SHIFTED_DISTRIBUTION
+    sliding = options[SLIDING] != 0
     fabric, resolved = workspace()
     w = np.zeros(SIZE)
     micro = np.zeros(MICRO)
@@ -127,6 +140,10 @@ def update_points(
                 outcome = load_point(
                     w, lane, point, given, stress_start, state_start, par, micro_of_column, options, numbers
                 )
+                if sliding and outcome <= LIMITED:
+                    outcome = load_sliding(
+                        w, lane, point, state_start, par, micro_of_column, control[point if mixed else 0], mixed
+                    )
                 if tangent_kind != TANGENT_NONE:
                     stiffness_of(w, lane, outcome != NOT_FINITE, tangent[point])
                 at_rest = given[point, 0] == 0.0 and given[point, 1] == 0.0 and given[point, 2] == 0.0
@@ -146,7 +163,10 @@ def update_points(
             if point_of[lane] >= 0:
                 active += 1
                 remaining = 1.0 - time[lane]
-                if fixed:
+                if fixed and sliding:
+                    # crossings of the cone split the fixed substeps
+                    last[lane] = w[STEP + lane] >= remaining * (1.0 - 1e-12)
+                elif fixed:
                     last[lane] = counts[point_of[lane], 0] == planned - 1
                 else:
                     last[lane] = w[STEP + lane] >= remaining * (1.0 - 1e-12)
@@ -156,6 +176,8 @@ def update_points(
             break
         attempt_substep(w, lane_control, mixed, options, numbers, derivatives, tableau, stage_tolerance, rule, solver)
         estimate_error(w, error, tolerance, shifted)
+        if sliding:
+            estimate_plastic_error(w, error, tolerance)
         for lane in range(LANES):
             point = point_of[lane]
             w[ACCEPT + lane] = 0.0
@@ -164,11 +186,18 @@ def update_points(
             counts[point, 2] += int(w[EVALUATIONS + lane])
             failed = w[WORST + lane] > LIMITED
             if not failed and (fixed or w[MEASURE + lane] <= 1.0):
+                if sliding and judge_substep(w, lane) == TAKEN_BACK:
+                    counts[point, 1] += 1
+                    if counts[point, 0] + counts[point, 1] >= most:
+                        status[point] = TOO_MANY_SUBSTEPS
+                    continue
                 w[ACCEPT + lane] = 1.0
                 status[point] = max(status[point], int(w[WORST + lane]))
                 counts[point, 0] += 1
                 continue
             counts[point, 1] += 1
+            if sliding:
+                forget_crossing(w, lane)
             w[STEP + lane] *= FAILED_STAGE_FACTOR if failed else step_factor(w[MEASURE + lane], error_order)
             if fixed or w[STEP + lane] < SMALLEST_SUBSTEP or counts[point, 0] + counts[point, 1] >= most:
                 status[point] = int(w[WORST + lane]) if failed else TOO_MANY_SUBSTEPS
@@ -176,6 +205,8 @@ def update_points(
                 if not fixed and w[STEP + lane] < SMALLEST_SUBSTEP and p < APEX_FRACTION * w[START_P + lane]:
                     status[point] = NO_PRESSURE
         accept_substep(w, b, derivatives)
+        if sliding:
+            accept_plastic(w, b)
         for lane in range(LANES):
             point = point_of[lane]
             if point < 0:
@@ -188,6 +219,10 @@ def update_points(
                 if not last[lane]:
                     if counts[point, 0] + counts[point, 1] >= most:
                         status[point] = TOO_MANY_SUBSTEPS
+                    elif sliding and fixed:
+                        w[STEP + lane] = (math.floor(time[lane] * planned + 1e-9) + 1.0) / planned - time[lane]
+                    elif sliding and w[CROSSED + lane] > 0.0:
+                        w[STEP + lane] = max(w[WHOLE_STEP + lane] - w[STEP + lane], SMALLEST_SUBSTEP)
                     elif not fixed:
                         w[STEP + lane] *= step_factor(w[MEASURE + lane], error_order)
             elif status[point] <= LIMITED:
@@ -220,6 +255,8 @@ def update_points(
                     finish_weak_forces(
                         w, lane, options, numbers, rule, fabric, resolved, state_start, point, micro_of_column, micro
                     )
+                if sliding:
+                    finish_sliding(w, lane, micro)
                 for i in range(3):
                     stress_end[point, i] = w[Y + i * L + lane]
                     if mixed:
@@ -237,11 +274,15 @@ def update_points(
                         w[REFERENCE_Z + lane], w[REFERENCE_A1 + lane] = micro[M_Z], micro[M_A1]
                         w[REFERENCE_A2 + lane] = micro[M_A2]
                     stiffness_of(w, lane, True, tangent[point])
+                    if sliding:
+                        plastic_tangent(w, lane, tangent[point])
             else:
                 continue
             point_of[lane] = -1
             if following >= end:
                 load_idle(w, lane)
+        if sliding and any_crossed(w):
+            carry_across(w, lane_control, options, numbers, rule, solver, derivatives)
 
 
 @compiled()

@@ -123,11 +123,33 @@ SOLVING, SETTLED, KEPT_X1, KEPT_X2 = (_rows(1) for _ in range(4))
 WEIGHT = _rows(UNKNOWNS)
 BLOCK_RESIDUAL, BLOCK_CHANGE, BLOCK_CROSS, BLOCK_SIZE = (_rows(1) for _ in range(4))
 
+# sliding: the hardening strain and its derivatives at the start of the substep, at a stage and as rates; plastic
+# volumetric strain and dissipation are integrated along. Rows of their own: a law without sliding does not touch them.
+PLASTIC_ADVANCED = 1 + COLUMNS
+PLASTIC_RATES = PLASTIC_ADVANCED + 2
+KAPPA = _rows(PLASTIC_ADVANCED)
+PLASTIC_SUMS = _rows(2)
+TRIAL_KAPPA = _rows(PLASTIC_ADVANCED)
+KAPPA_RATE = _rows(PLASTIC_ADVANCED)
+VOLUME_RATE, DISSIPATION_RATE = _rows(1), _rows(1)
+PLASTIC_STAGE = _rows(PLASTIC_RATES * STAGES)
+M_PEAK, M_FIRST, GAMMA_R, EXPONENT, DILATANCY, M_CV, COHESION = (_rows(1) for _ in range(7))
+ELASTIC_P, ELASTIC_T1, ELASTIC_T2, FLOW_1, FLOW_2, AT_REST = (_rows(1) for _ in range(6))
+"""Rates of p and of the deviator without plastic strain; direction of the flow; whether stress starts from q = 0."""
+ON_CONE, SLIDES, DECIDES, REVERSED, CROSSED = (_rows(1) for _ in range(5))
+"""1 or 0: the substep starts on the cone; plastic strain in this substep; its first stage is being computed; the
+multiplier has changed sign in it; it ended at the cone."""
+LOW, LOW_F, HIGH, HIGH_F, SIDE, WHOLE_STEP, TRIES = (_rows(1) for _ in range(7))
+"""Bracket of the pseudo-time at which the cone is reached."""
+STRAIN_CORRECTION = _rows(3)
+RATE_BEFORE = _rows(UNKNOWNS)
+KEPT_X = _rows(2)
+
 SIZE = next(_next) * LANES
 """Length of a workspace."""
 
 # entries of the integer options given to the kernels
-LOSS, GAIN, ROTATION, FEEDBACK, TANGENTIAL, DENSITY, CLOSED_FORM, FORCE_CHANGE, ISOSTATIC = range(9)
+LOSS, GAIN, ROTATION, FEEDBACK, TANGENTIAL, DENSITY, CLOSED_FORM, FORCE_CHANGE, ISOSTATIC, SLIDING = range(10)
 HARMONIC, MAXIMUM_ENTROPY = 0, 1
 MEAN_FIELD, SHIFTED_DISTRIBUTION, FLUCTUATING = 0, 1, 2
 NEGLECTED, SELF_CONSISTENT, CLOSURE_FRICTIONAL = 0, 1, 2

@@ -32,6 +32,7 @@ from .lanes import (
 from .load_lane import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
 from .parameters import CLOSURE_NUMBERS, Closure, Integration, Material, ParameterError, parameter_table
 from .runge_kutta import TABLEAUS
+from .sliding_checks import check_sliding, initial_hardening
 from .state import micro_of_columns, state_variables
 from .threads import run_in_threads
 
@@ -101,6 +102,8 @@ class ContactLaw:
                     f"material.force_density_at_zero = {material.force_density_at_zero:g} is not below 1, where the "
                     'self-consistent equations have no solution; choose tangential = "neglected"'
                 )
+            if self.effects.sliding:
+                check_sliding(material)
         # a network that cannot change needs no closure
         shifted = self.closure.force_change == "shifted_distribution" and self.effects.network_changes
         self._variables = state_variables(self.effects, shifted)
@@ -116,6 +119,7 @@ class ContactLaw:
                 self.integration.arc_integration == "closed_form",
                 _FORCE_CHANGE[self.closure.force_change] if self.effects.network_changes else MEAN_FIELD,
                 self.closure.shear_stiffness == "isostatic",
+                self.effects.sliding,
             ],
             dtype=np.int64,
         )
@@ -166,6 +170,11 @@ class ContactLaw:
         Returns
         -------
         ndarray, shape (npt, nstate)
+
+        Raises
+        ------
+        ParameterError
+            With sliding: if a stress ratio is not below the peak.
         """
         stress = np.asarray(stress, dtype=np.float64)
         npt = stress.shape[0]
@@ -192,6 +201,8 @@ class ContactLaw:
             "reference_fabric": fabric,
             "largest_stress_ratio": np.hypot(s[:, 0], s[:, 1]),
         }
+        if self.effects.sliding:
+            values["hardening_strain"], values["plastic_shear_strain"] = initial_hardening(table, stress)
         state = np.zeros((npt, self.description.nstate))
         for variable in self._variables:
             if variable.name in values:

@@ -6,6 +6,60 @@ from .stiffness import fill_stiffness, stress_rate
 
 
 @compiled()
+def _solve_block(c, control):
+    """Solve for the strains of stress-controlled components, whose equations stand in `c`, into its last column."""
+    # elimination without pivoting is stable: any principal block of the stiffness is positive definite
+    for i in range(3):
+        if control[i] == 1:
+            for row in range(i + 1, 3):
+                if control[row] == 1:
+                    factor = c[row, i] / c[i, i]
+                    for j in range(i + 1, 4):
+                        c[row, j] -= factor * c[i, j]
+    for i in range(2, -1, -1):
+        if control[i] == 1:
+            total = c[i, 3]
+            for j in range(i + 1, 3):
+                if control[j] == 1:
+                    total -= c[i, j] * c[j, 3]
+            c[i, 3] = total / c[i, i]
+
+
+@compiled()
+def plastic_relief(w, lane, control, c, v, e1, e2):
+    """What a plastic strain takes off the stress while controlled components stay.
+
+    Parameters
+    ----------
+    v, e1, e2 : float
+        Plastic volumetric strain and deviator (e_xx - e_yy, gamma_xy), compression positive.
+    w, lane, control, c :
+        As in `solve_mixed`.
+
+    Returns
+    -------
+    tuple of 6 floats
+        Decrease of p, t_1, t_2, compression positive; strain xx, yy, xy that appears in stress-controlled components,
+        tension positive.
+    """
+    k, g, b = w[STIFF_K + lane], w[STIFF_G + lane], w[STIFF_B + lane]
+    a1, a2 = w[STIFF_A1 + lane], w[STIFF_A2 + lane]
+    fill_stiffness(k, g, b, a1, a2, c)
+    xx, yy, xy = -0.5 * (v + e1), -0.5 * (v - e1), -e2
+    r_xx, r_yy, r_xy = stress_rate(k, g, b, a1, a2, xx, yy, xy)
+    c[0, 3], c[1, 3], c[2, 3] = r_xx, r_yy, r_xy
+    _solve_block(c, control)
+    f_xx = c[0, 3] if control[0] == 1 else 0.0
+    f_yy = c[1, 3] if control[1] == 1 else 0.0
+    f_xy = c[2, 3] if control[2] == 1 else 0.0
+    s_xx, s_yy, s_xy = stress_rate(k, g, b, a1, a2, xx - f_xx, yy - f_yy, xy - f_xy)
+    s_xx = 0.0 if control[0] == 1 else s_xx
+    s_yy = 0.0 if control[1] == 1 else s_yy
+    s_xy = 0.0 if control[2] == 1 else s_xy
+    return -0.5 * (s_xx + s_yy), -0.5 * (s_xx - s_yy), -s_xy, f_xx, f_yy, f_xy
+
+
+@compiled()
 def solve_mixed(w, lane, control, c):
     """Complete the rates of one lane: writes rows STRAIN and the first three of RATE.
 
@@ -30,21 +84,10 @@ def solve_mixed(w, lane, control, c):
             for j in range(3):
                 if control[j] == 0:
                     c[i, 3] -= c[i, j] * w[GIVEN + j * L + lane]
-    # elimination without pivoting is stable: any principal block of the stiffness is positive definite
+    _solve_block(c, control)
     for i in range(3):
         if control[i] == 1:
-            for row in range(i + 1, 3):
-                if control[row] == 1:
-                    factor = c[row, i] / c[i, i]
-                    for j in range(i + 1, 4):
-                        c[row, j] -= factor * c[i, j]
-    for i in range(2, -1, -1):
-        if control[i] == 1:
-            total = c[i, 3]
-            for j in range(i + 1, 3):
-                if control[j] == 1:
-                    total -= c[i, j] * w[STRAIN + j * L + lane]
-            w[STRAIN + i * L + lane] = total / c[i, i]
+            w[STRAIN + i * L + lane] = c[i, 3]
     xx, yy, xy = stress_rate(k, g, b, a1, a2, w[STRAIN + lane], w[STRAIN + L + lane], w[STRAIN + 2 * L + lane])
     w[RATE + lane] = w[GIVEN + lane] if control[0] == 1 else xx
     w[RATE + L + lane] = w[GIVEN + L + lane] if control[1] == 1 else yy

@@ -96,6 +96,61 @@ class Material:
     initial_fabric_xy: float = _declare(
         Variable("initial_fabric_xy", "a_c(0), component along sin 2 theta", lower=-2.0, upper=2.0, default=0.0)
     )
+    peak_stress_ratio: float = _declare(
+        Variable("peak_stress_ratio", "sliding: largest stress ratio M_peak", lower=1e-3, upper=1.0, default=0.41)
+    )
+    first_yield_stress_ratio: float = _declare(
+        Variable(
+            "first_yield_stress_ratio", "sliding: stress ratio M_first below which nothing slides at first",
+            lower=0.0, upper=1.0, default=0.0,
+        )
+    )  # fmt: skip
+    reference_plastic_strain: float = _declare(
+        Variable(
+            "reference_plastic_strain",
+            "sliding: hardening strain gamma_r at which M is half way from M_first to M_peak",
+            lower=1e-12,
+            upper=1.0,
+            default=5.5e-5,
+        )
+    )
+    hardening_exponent: float = _declare(
+        Variable(
+            "hardening_exponent",
+            "sliding: exponent m of the growth of plastic strain with the stress ratio; 1 is a hyperbola",
+            lower=1.0,
+            upper=4.0,
+            default=2.0,
+        )
+    )
+    dilatancy: float = _declare(
+        Variable(
+            "dilatancy",
+            "sliding: slope D of plastic volumetric over shear strain with the stress ratio",
+            lower=0.0,
+            upper=10.0,
+            default=1.05,
+        )
+    )
+    constant_volume_stress_ratio: float = _declare(
+        Variable(
+            "constant_volume_stress_ratio",
+            "sliding: stress ratio M_cv above which the packing dilates",
+            lower=0.0,
+            upper=1.0,
+            default=0.17,
+        )
+    )
+    apparent_cohesion: float = _declare(
+        Variable(
+            "apparent_cohesion",
+            "sliding: cohesion c, the distance of the cone's apex from zero pressure",
+            "Pa",
+            lower=0.0,
+            upper=1e300,
+            default=0.0,
+        )
+    )
 
     def __post_init__(self) -> None:
         for variable in self.variables():

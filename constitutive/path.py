@@ -46,6 +46,10 @@ POINT_COLUMNS = (
 """Columns of a point's history. Stress and p, q in Pa, tension positive but p; `strain_xy` is the engineering shear."""
 
 
+SLIDING_COLUMNS = ("plastic_shear_strain", "plastic_volumetric_strain", "plastic_dissipation")
+"""Further columns of a law with sliding; volumetric strain tension positive, dissipation in Pa."""
+
+
 @dataclass(frozen=True)
 class Leg:
     """A piece of a path: straight in the controlled components, or a rotation of the stress deviator.
@@ -88,7 +92,8 @@ class PathHistory:
     Parameters
     ----------
     columns : dict of ndarray
-        One entry for each of `POINT_COLUMNS`, one row a step, the start included.
+        One entry for each of `POINT_COLUMNS`, with sliding also of `SLIDING_COLUMNS`; one row a step, the start
+        included.
     finished : bool
         Whether the path was followed to its end.
     message : str
@@ -111,6 +116,7 @@ class _Recorder:
     def __init__(self, law: ContactLaw, stress: Array, state: Array) -> None:
         self.law = law
         self.rows: list[list[float]] = []
+        self.names = POINT_COLUMNS + (SLIDING_COLUMNS if law.effects.sliding else ())
         self.force0 = float(state[0, law.description.columns("mean_normal_force")][0])
         # magnitudes carry the sign of their component along the initial major stress, or along x without one
         deviator = -0.5 * (stress[0, 0] - stress[0, 1]), -stress[0, 2]
@@ -164,6 +170,7 @@ class _Recorder:
                 float(rejected),
                 float(limited),
                 *(component for vector in vectors for component in vector),
+                *(self._scalar(state, name) for name in self.names[len(POINT_COLUMNS) :]),
             ]
         )
 
@@ -173,7 +180,7 @@ class _Recorder:
         integers = {"step", "substeps", "rejected_substeps", "limited"}
         return {
             name: table[:, index].astype(np.int64) if name in integers else table[:, index]
-            for index, name in enumerate(POINT_COLUMNS)
+            for index, name in enumerate(self.names)
         }
 
 

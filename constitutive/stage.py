@@ -59,6 +59,7 @@ from .lanes import (
     SHEAR,
     SHEAR_OFFSET,
     SHIFTED_DISTRIBUTION,
+    SLIDING,
     SLOPE,
     SOLVED,
     START_N1,
@@ -83,6 +84,7 @@ from .lanes import (
 from .mixed_control import solve_mixed
 from .rates import network_rates
 from .rows import copy_rows
+from .sliding_stage import sliding_column, sliding_rates
 from .stiffness import stress_rate
 from .weak_force_stage import resolve_network, weak_force_rates, weak_force_slopes
 
@@ -117,6 +119,7 @@ def stage(w, control, mixed, options, numbers, derivatives, rule, solver):
     """
     network = options[LOSS] != 0 or options[GAIN] != 0
     shifted = network and options[FORCE_CHANGE] == SHIFTED_DISTRIBUTION
+    sliding = options[SLIDING] != 0
     if shifted:
         resolve_network(w, options, numbers, derivatives, rule[2], rule[3])
     _check(w, options)
@@ -125,6 +128,8 @@ def stage(w, control, mixed, options, numbers, derivatives, rule, solver):
             solve_mixed(w, lane, control[lane], solver)
     else:
         _strain_driven(w)
+    if sliding:
+        sliding_rates(w, control, mixed, solver)
     if network:
         _force_change(w, options)
         if shifted:
@@ -193,7 +198,10 @@ def _differentiate(w, options, network):
         o_g = 1.0 if column == 2 else 0.0
         offset = column * UNKNOWNS * L
         copy_rows(w, COLUMN_TY, TRIAL_TY + offset, UNKNOWNS * L)
-        _column(w, feedback, rotation, network, o_v, o_d, o_g)
+        _stress_column(w, feedback, o_v, o_d, o_g)
+        if options[SLIDING] != 0:
+            sliding_column(w, column, feedback)
+        _network_column(w, rotation, network)
         copy_rows(w, SLOPE + offset, COLUMN_SLOPE, UNKNOWNS * L)
 
 
@@ -266,11 +274,11 @@ def _force_change(w, options):
 
 
 @compiled(**KERNEL_OPTIONS)
-def _column(w, feedback, rotation, network, o_v, o_d, o_g):
-    """Derivative of the rates by one component of the strain increment: product rule through the whole stage.
+def _stress_column(w, feedback, o_v, o_d, o_g):
+    """Derivative of the elastic stress rate by one component of the strain increment.
 
-    o_v, o_d, o_g are the component's own mean, deviator and shear strain; `feedback` and `rotation` are 1 or 0, as
-    factors, because branches would keep the loops from becoming vector code.
+    o_v, o_d, o_g are the component's own mean, deviator and shear strain; `feedback` is 1 or 0, as a factor, because
+    branches would keep the loops from becoming vector code.
     """
     for lane in range(LANES):
         k, g, b = w[BULK + lane], w[SHEAR + lane], w[COUPLING + lane]
@@ -290,6 +298,11 @@ def _column(w, feedback, rotation, network, o_v, o_d, o_g):
         w[COLUMN_SLOPE + lane] = mean + half
         w[COLUMN_SLOPE + L + lane] = mean - half
         w[COLUMN_SLOPE + 2 * L + lane] = shear
+
+
+@compiled(**KERNEL_OPTIONS)
+def _network_column(w, rotation, network):
+    """Derivative of the rates of the network by one component: product rule from that of the stress rate onwards."""
     if not network:
         for lane in range(LANES):
             w[COLUMN_SLOPE + 3 * L + lane] = 0.0

@@ -12,6 +12,8 @@ from .load_lane import (
     M_A1_REF,
     M_F,
     M_GAINED,
+    M_GAMMA,
+    M_KAPPA,
     M_LARGEST_S,
     M_LOST,
     M_N1,
@@ -68,6 +70,13 @@ def state_variables(effects: Effects, shifted: bool = False) -> tuple[Variable, 
                 ),
                 Variable("largest_stress_ratio", "largest q/p so far", lower=0.0),
             ]
+    if effects.sliding:
+        variables += [
+            Variable("hardening_strain", "kappa, by which the cone has opened", lower=0.0),
+            Variable("plastic_shear_strain", "gamma_p, accumulated plastic eps_1 - eps_2", lower=0.0),
+            Variable("plastic_volumetric_strain", "plastic eps_xx + eps_yy, dilation positive", default=0.0),
+            Variable("plastic_dissipation", "plastic work per volume", "Pa", lower=0.0, default=0.0),
+        ]
     return tuple(variables)
 
 
@@ -87,6 +96,10 @@ _MICRO_OF = {
     "force_shift_anisotropy": (M_SHIFT + 1, M_SHIFT + 2),
     "force_spread": (M_SPREAD,),
     "largest_stress_ratio": (M_LARGEST_S,),
+    "hardening_strain": (M_KAPPA,),
+    "plastic_shear_strain": (M_GAMMA,),
+    "plastic_volumetric_strain": (M_GAMMA + 1,),
+    "plastic_dissipation": (M_GAMMA + 2,),
 }
 
 

@@ -3,6 +3,7 @@
 import math
 
 from .compilation import compiled
+from .cone_return import advance_plastic, begin_plastic_stage, begin_sliding, keep_plastic, return_to_cone
 from .contract import Status
 from .implicit_stage import begin_stage, improve_stage
 from .lanes import (
@@ -19,6 +20,7 @@ from .lanes import (
     OUTCOME,
     RATE,
     RATES,
+    SLIDING,
     SLOT_SCALE,
     STAGE,
     STEP,
@@ -49,6 +51,9 @@ def attempt_substep(w, control, mixed, options, numbers, derivatives, tableau, s
     for row in range(1, ADVANCED):
         for lane in range(LANES):
             w[STEP + row * L + lane] = w[STEP + lane]
+    sliding = options[SLIDING] != 0
+    if sliding:
+        begin_sliding(w)
     i, passes = 0, 0
     while i < stages:
         # a stage that only estimates the error needs no derivatives
@@ -56,11 +61,15 @@ def attempt_substep(w, control, mixed, options, numbers, derivatives, tableau, s
         implicit = a[i, i] != 0.0
         if implicit and passes == 0:
             begin_stage(w, i)
+            if sliding:
+                begin_plastic_stage(w, i)
         _advance(w, ADVANCED if with_derivatives else UNKNOWNS, i + 1, a[i])
+        if sliding:
+            advance_plastic(w, i + 1, a[i], with_derivatives)
         stage(w, control, mixed, options, numbers, with_derivatives, rule, solver)
         if implicit:
             passes += 1
-            if not improve_stage(w, i, a[i, i], stage_tolerance, passes, with_derivatives):
+            if not improve_stage(w, i, a[i, i], stage_tolerance, passes, with_derivatives, sliding):
                 continue
         else:
             copy_rows(w, STAGE + i * RATES * L, RATE, RATES * L)
@@ -68,8 +77,13 @@ def attempt_substep(w, control, mixed, options, numbers, derivatives, tableau, s
                 worst, outcome = w[WORST + lane], w[OUTCOME + lane]
                 w[WORST + lane] = worst if worst > outcome else outcome
                 w[EVALUATIONS + lane] += 1.0
+            if sliding:
+                keep_plastic(w, i)
         i, passes = i + 1, 0
     _advance(w, ADVANCED if derivatives else UNKNOWNS, stages, b)
+    if sliding:
+        advance_plastic(w, stages, b, derivatives)
+        return_to_cone(w, control, mixed, solver, derivatives)
 
 
 @compiled(**KERNEL_OPTIONS)

@@ -236,9 +236,8 @@ def weak_force_slopes(w, numbers):
 @compiled()
 def raise_spread(w, lane, options, numbers, derivatives):
     """S_i and the largest |s| at the end of an accepted substep, with the derivatives of S_i."""
-    p, s1, s2 = stress_invariants(w[Y + lane], w[Y + L + lane], w[Y + 2 * L + lane])
-    rotation = options[ROTATION] != 0
-    if not rotation:
+    _, s1, s2 = stress_invariants(w[Y + lane], w[Y + L + lane], w[Y + 2 * L + lane])
+    if options[ROTATION] == 0:
         s2 = 0.0
     spread, virgin = irreversible_spread(w, lane, w[Y + 3 * L + lane], s1, s2, numbers[C_I])
     if not virgin:
@@ -246,9 +245,21 @@ def raise_spread(w, lane, options, numbers, derivatives):
     w[Y + 3 * L + lane] = spread
     w[LARGEST_S + lane] = math.sqrt(s1 * s1 + s2 * s2)
     if derivatives:
-        for column in range(COLUMNS):
-            row = TY + column * UNKNOWNS * L + lane
-            relative = -0.5 * (w[row] + w[row + L]) / p
-            v1 = -0.5 * (w[row] - w[row + L]) / p - s1 * relative
-            v2 = -w[row + 2 * L] / p - s2 * relative if rotation else 0.0
-            w[row + 3 * L] = 2.0 * numbers[C_I] * (s1 * v1 + s2 * v2)
+        turn_spread(w, lane, options, numbers)
+
+
+@compiled()
+def turn_spread(w, lane, options, numbers):
+    """Derivatives of S_i from those of the stress, where |s| is at its largest so far."""
+    p, s1, s2 = stress_invariants(w[Y + lane], w[Y + L + lane], w[Y + 2 * L + lane])
+    rotation = options[ROTATION] != 0
+    if not rotation:
+        s2 = 0.0
+    if math.sqrt(s1 * s1 + s2 * s2) < w[LARGEST_S + lane]:
+        return
+    for column in range(COLUMNS):
+        row = TY + column * UNKNOWNS * L + lane
+        relative = -0.5 * (w[row] + w[row + L]) / p
+        v1 = -0.5 * (w[row] - w[row + L]) / p - s1 * relative
+        v2 = -w[row + 2 * L] / p - s2 * relative if rotation else 0.0
+        w[row + 3 * L] = 2.0 * numbers[C_I] * (s1 * v1 + s2 * v2)

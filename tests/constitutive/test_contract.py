@@ -265,7 +265,9 @@ def test_parameter_names_are_those_of_the_table():
     names = [variable.name for variable in Material.variables()]
     assert names[load_lane.PAR_P_ZERO] == "force_density_at_zero"
     assert names[load_lane.PAR_SHEAR] == "shear_reduction"
-    assert len(names) == load_lane.PAR_FABRIC_XY + 1
+    assert names[load_lane.PAR_FABRIC_XY] == "initial_fabric_xy"
+    assert names[load_lane.PAR_M_CV] == "constant_volume_stress_ratio"
+    assert len(names) == load_lane.PAR_COHESION + 1
     assert names[load_lane.PAR_KN] == "normal_stiffness"
     assert names[load_lane.PAR_C_N] == "force_anisotropy_ratio"
     assert PRESSURE / 1e9 == 1e-4

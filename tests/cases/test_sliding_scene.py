@@ -1,0 +1,57 @@
+"""The shipped point scene with sliding: numbers of its text, columns; what a DEM run measures reaches the law."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases import files
+from cases.material_file import law_tables, material_text, read_material
+from constitutive.path import SLIDING_COLUMNS
+from dem_ref.sliding import SLIDING_KEYS
+
+STRAINS = (1e-4, 2e-4, 4e-4, 1e-3, 4e-3)
+
+
+def run(granfabric: Callable, folder: Path, *more: str) -> dict[str, np.ndarray]:
+    result = granfabric("point", "sliding_biaxial", "-o", folder, "--set", "output.pictures=false", *more)
+    assert result.code == 0, result.err
+    return {name: np.array(values) for name, values in files.read_csv(folder / "history.csv").items()}
+
+
+def test_numbers_of_the_scene(granfabric: Callable, tmp_path: Path) -> None:
+    columns = run(granfabric, tmp_path)
+    assert tuple(columns)[-3:] == SLIDING_COLUMNS
+    rows = [int(np.argmin(np.abs(columns["strain_yy"] + strain))) for strain in STRAINS]
+    np.testing.assert_allclose(-columns["strain_yy"][rows], STRAINS, rtol=1e-9)
+    shear = columns["strain_xx"] - columns["strain_yy"]
+    # the text gives two or three digits
+    np.testing.assert_allclose((columns["q"] / columns["p"])[rows], [0.237, 0.326, 0.377, 0.400, 0.408], atol=6e-4)
+    plastic = columns["plastic_shear_strain"]
+    np.testing.assert_allclose(plastic[rows] / shear[rows], [0.33, 0.54, 0.76, 0.91, 0.98], atol=6e-3)
+    volume = (columns["strain_xx"] + columns["strain_yy"])[rows]
+    np.testing.assert_allclose(volume, [-6.7e-5, -8.8e-5, -3.2e-5, 3.1e-4, 2.27e-3], rtol=0.02)
+    np.testing.assert_allclose(columns["coordination"][rows], [3.76, 3.67, 3.56, 3.51, 3.52], atol=6e-3)
+    assert (np.diff(columns["plastic_dissipation"]) >= 0.0).all()
+
+
+def test_without_sliding_no_peak_and_no_column(granfabric: Callable, tmp_path: Path) -> None:
+    result = granfabric(
+        *("point", "sliding_biaxial", "-o", tmp_path, "--set", "output.pictures=false"),
+        *("--set", "effects.sliding=false"),
+    )
+    columns = {name: np.array(values) for name, values in files.read_csv(tmp_path / "history.csv").items()}
+    assert not set(SLIDING_COLUMNS) & set(columns)
+    assert columns["q"][-1] / columns["p"][-1] > 0.5 or result.code == 1
+
+
+def test_measured_parameters_reach_the_law(tmp_path: Path) -> None:
+    """What a DEM run measures for sliding are parameters of the material, and are read back."""
+    values = dict.fromkeys(SLIDING_KEYS, 0.25)
+    assert set(law_tables(values)) == {"material"}
+    file = tmp_path / "material.toml"
+    file.write_text(material_text(values, "a test"))
+    assert read_material(file)["material"] == pytest.approx(values)
