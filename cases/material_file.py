@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from constitutive.parameters import Closure, Material
+from constitutive.parameters import CLOSURE_NUMBERS, Closure, Material
 
 from .errors import InputError, unknown
 from .toml_file import read_table
@@ -63,4 +64,10 @@ def material_text(measured: dict[str, float], origin: str) -> str:
         f"# Measured on disks: {origin}\n"
         "# Read by point and field scenes: material_file = ..., or --set material_file=...\n"
     )
-    return head + to_toml(law_tables(measured)).lstrip()
+    tables = law_tables(measured)
+    if all(name in tables.get("closure", {}) for name in CLOSURE_NUMBERS):
+        # what these numbers were measured for, and what disks agree with; a scene may say otherwise
+        tables["closure"] = {"force_change": "shifted_distribution", "tangential": "frictional", **tables["closure"]}
+        if tables["material"].get("isostatic_coordination", math.inf) < tables["material"]["coordination"]:
+            tables["closure"] = {"shear_stiffness": "isostatic", **tables["closure"]}
+    return head + to_toml(tables).lstrip()

@@ -85,9 +85,10 @@ def positions(history: Mapping[str, Array]) -> tuple[Array, Array]:
     segment = history["segment"].astype(int)
     stress = np.column_stack([history["stress_xx"] - history["stress_yy"], 2.0 * history["stress_xy"]])
     places, numbers = [], []
-    for number in range(int(segment[-1]) + 1):
-        last = int(np.flatnonzero(segment == number)[-1])
-        first = int(np.flatnonzero(segment < number)[-1]) if number else 0
+    # the last record of a segment already counts it as done
+    for number in range(int(segment[-1])):
+        first = int(np.flatnonzero(segment >= number)[0])
+        last = int(np.flatnonzero(segment > number)[0])
         moved = np.hypot(*np.diff(stress[first : last + 1], axis=0).T)
         length = np.concatenate([[0.0], np.cumsum(moved)])
         places.append(np.interp(SHARES * length[-1], length, np.arange(first, last + 1)))

@@ -1,0 +1,120 @@
+"""Figure `docs/figures/closure_findings.png`: what contacts do, and what the closure makes of it.
+
+    python docs/closure_findings.py [DISKS] [SEEDS]
+
+Left: slip k and irreversible scatter c_i from loops of different size, over the square of the stress ratio. Middle: a_t
+on loading at constant p against ``c_t s - k s^2`` with c_t from elastic probes and k from a loop to q/p = 0.05. Right:
+shift and spread of the forces of contacts that began with 0.3 to 0.5 of the mean force, and the closure's for weak
+contacts.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from cases.plot_style import BLACK, BLUE, ORANGE, picture
+from constitutive.law import ContactLaw
+from constitutive.parameters import Closure, Material
+from constitutive.path import Leg, drive
+from dem_ref.biaxial import DemRun, RunOptions
+from dem_ref.events import match_contacts
+from dem_ref.material import CLOSURE_KEYS, MATERIAL_KEYS, measure_material
+from dem_ref.measure import contacts_of, force_harmonics
+from dem_ref.packing import make_packing
+from dem_ref.path import biaxial_test
+from dem_ref.weak_contacts import measure_slip
+
+AMPLITUDES = (0.0125, 0.025, 0.05, 0.1)
+CLASS = (0.3, 0.5)
+CLASS_RATIO = 1.15
+"""Contacts of that class feel more of the mean change than those at zero force: about this ratio in elastic probes."""
+
+
+def shift_and_spread(start, now, scale):
+    """X_1 along y and the standard deviation about it, of the contacts of `CLASS`; lost ones have no force."""
+    match = match_contacts(start, now)
+    force = np.zeros(start.count)
+    force[match.persisting_before] = now.normal_force[match.persisting_after]
+    before = start.normal_force / scale
+    chosen = (before > CLASS[0]) & (before < CLASS[1])
+    change = (force / scale - before)[chosen]
+    basis = np.column_stack([np.ones(len(change)), -start.double_angle[chosen, 0]])
+    harmonic = np.linalg.lstsq(basis, change, rcond=None)[0]
+    return harmonic[1], np.std(change - basis @ harmonic)
+
+
+def follow(packing):
+    """q/p, a_t, X_1 and S along a loading at constant p."""
+    start = contacts_of(packing)
+    scale = force_harmonics(start).mean
+    run = DemRun(packing, RunOptions(tuple(biaxial_test("constant_pressure", 0.3, 0.02))))
+    rows = []
+
+    def record(state):
+        row = dict(zip(("q", "p"), (state.history()["q"][-1], state.history()["p"][-1])))
+        a_t = state.history()["tangential_force_anisotropy"][-1]
+        rows.append((row["q"] / row["p"], a_t, *shift_and_spread(start, contacts_of(state.sample), scale)))
+
+    run.execute(on_record=record)
+    return np.array(rows)
+
+
+def main(disks=2000, seeds=2):
+    """Compute and draw."""
+    levels = np.linspace(0.0, 0.3, 31)
+    loops, curves, inputs = [], [], []
+    for seed in range(1, seeds + 1):
+        packing = make_packing(disks, seed)
+        small = [measure_slip(packing, s) for s in AMPLITUDES]
+        loops.append([(loop.slip, loop.irreversible_scatter) for loop in small])
+        inputs.append(measure_material(packing))
+        rows = follow(packing)
+        curves.append([np.interp(levels, rows[:, 0], column) for column in rows[:, 1:].T])
+        print(f"packing {seed} of {seeds} done", flush=True)
+    mean = {name: float(np.mean([one[name] for one in inputs])) for name in inputs[0]}
+    law = ContactLaw(
+        [Material(**{name: mean[name] for name in MATERIAL_KEYS})],
+        Closure(
+            force_change="shifted_distribution", tangential="frictional", **{name: mean[name] for name in CLOSURE_KEYS}
+        ),
+    )
+    history = drive(law, (-1e5, -1e5, 0.0), [])
+    names = ("force_shift_anisotropy", "tangential_force_anisotropy", "force_spread")
+    states = [history.state]
+    for s in levels[1:]:
+        legs = [Leg(target=(-1e5 * (1 - s), -1e5 * (1 + s), 0.0))]
+        history = drive(law, tuple(history.stress[0]), legs, state=history.state)
+        states.append(history.state)
+    x1, a_t, irreversible = (
+        np.array([state[0, law.description.columns(name)][0] for state in states]) for name in names
+    )
+    x1, a_t = -x1, -a_t
+    spread = np.hypot(irreversible, mean["elastic_scatter"] * x1)
+    loop, curve = np.mean(loops, axis=0), np.mean(curves, axis=0)
+    target = Path(__file__).parent / "figures" / "closure_findings.png"
+    with picture(target, 15.0, 4.4) as figure:
+        left, middle, right = figure.subplots(1, 3)
+        left.semilogx(AMPLITUDES, loop[:, 0], "o-", color=BLACK, label="slip $k = -2 a_t/s^2$")
+        left.semilogx(AMPLITUDES, loop[:, 1], "s--", color=ORANGE, label="scatter $c_i = S_i/s^2$")
+        left.set(xlabel="stress ratio $s$ of the loop [-]", title="Left by loops, over $s^2$", ylim=(0.0, None))
+        left.legend()
+        middle.plot(levels, curve[0], "o", color=BLACK, markersize=3.5, label="DEM")
+        middle.plot(levels, mean["tangential_force_ratio"] * levels, ":", color=ORANGE, label="elastic, $c_t s$")
+        middle.plot(levels, a_t, color=BLUE, label="$c_t s - k s^2$, then constant")
+        middle.set(xlabel="stress ratio $q/p$ [-]", title="Tangential-force anisotropy $a_t$ [-]")
+        middle.legend()
+        right.plot(levels, curve[1] / CLASS_RATIO, "o", color=BLACK, markersize=3.5, label="DEM, shift $X_1$")
+        right.plot(levels, curve[2], "s", color=ORANGE, markersize=3.5, label="DEM, spread $S$")
+        right.plot(levels, x1, color=BLACK, linewidth=1.2, label="closure, shift")
+        right.plot(levels, spread, color=ORANGE, linestyle="--", linewidth=1.2, label="closure, spread")
+        right.set(xlabel="stress ratio $q/p$ [-]", title="Shift and spread of weak forces [$f$]")
+        right.legend()
+        figure.suptitle(f"What contacts do: {seeds} packings of {disks} disks", x=0.01, ha="left", fontsize=13)
+    print(target)
+
+
+if __name__ == "__main__":
+    main(*(int(argument) for argument in sys.argv[1:]))
