@@ -10,6 +10,8 @@ from shutil import copy2
 from .errors import InputError, unknown
 
 HOME = Path(__file__).resolve().parent
+MATERIALS = HOME / "materials"
+"""Folder of the shipped material files, as `granfabric dem` and `granfabric verify` write them."""
 SCHEMA = HOME / "schema.json"
 DIRECTIVE = "#:schema "
 """First words of a comment from which editors (taplo, Even Better TOML) learn where the schema of a file lies."""
@@ -31,6 +33,8 @@ def shipped() -> dict[str, Entry]:
     """All shipped scenes by name, points first, then by heading."""
     entries = []
     for file in HOME.glob("*/*.toml"):
+        if file.parent == MATERIALS:
+            continue
         data = tomllib.loads(file.read_text(encoding="utf-8"))
         entries.append(
             Entry(file.stem, data["kind"], data.get("group", ""), data["title"], data.get("description", ""), file)
@@ -65,6 +69,22 @@ def find(scene: str) -> Path:
     if not path.is_file():
         raise InputError(f"the scene file {scene!r} does not exist")
     return path
+
+
+def material(name: str, folder: Path) -> Path:
+    """File of a material given as a shipped name, or as a file relative to a folder.
+
+    Raises
+    ------
+    InputError
+        If a name without the ending .toml is not a shipped one.
+    """
+    if Path(name).suffix == ".toml" or len(Path(name).parts) > 1:
+        return folder / name
+    names = sorted(file.stem for file in MATERIALS.glob("*.toml"))
+    if name not in names:
+        raise InputError(f"{unknown('material_file =', name, names)} (a material file has the ending .toml)")
+    return MATERIALS / f"{name}.toml"
 
 
 def copy(name: str, folder: Path) -> list[Path]:

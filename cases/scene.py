@@ -182,7 +182,7 @@ def _include_material(table: dict[str, Any], folder: Path, wins: bool) -> Origin
     if "material_file" not in MODELS[kind].model_fields:
         return {}
     del table["material_file"]
-    file = folder / name
+    file = catalogue.material(name, folder)
     origins: Origins = {}
     for section, entries in read_material(file).items():
         own = table.setdefault(section, {})

@@ -82,7 +82,7 @@ class LawScene(Scene):
     """What scenes have that use the point law."""
 
     material_file: Annotated[str, Field(min_length=1)] | None = Field(
-        default=None, description="tables [material] and [closure] as `granfabric dem` measures them"
+        default=None, description="tables [material] and [closure], as measured on disks: a file or a shipped name"
     )
     accuracy: Accuracy | None = Field(
         default=None, description="chooses integrator, tolerances and directions where the scene leaves them open"

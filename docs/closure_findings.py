@@ -51,7 +51,7 @@ def follow(packing):
     start = contacts_of(packing)
     scale = force_harmonics(start).mean
     run = DemRun(packing, RunOptions(tuple(biaxial_test("constant_pressure", 0.3, 0.02))))
-    rows = []
+    rows = [(0.0, 0.0, 0.0, 0.0)]
 
     def record(state):
         row = dict(zip(("q", "p"), (state.history()["q"][-1], state.history()["p"][-1])))
@@ -97,8 +97,8 @@ def main(disks=2000, seeds=2):
     target = Path(__file__).parent / "figures" / "closure_findings.png"
     with picture(target, 15.0, 4.4) as figure:
         left, middle, right = figure.subplots(1, 3)
-        left.semilogx(AMPLITUDES, loop[:, 0], "o-", color=BLACK, label="slip $k = -2 a_t/s^2$")
-        left.semilogx(AMPLITUDES, loop[:, 1], "s--", color=ORANGE, label="scatter $c_i = S_i/s^2$")
+        left.plot(AMPLITUDES, loop[:, 0], "o-", color=BLACK, label="slip $k = -2 a_t/s^2$")
+        left.plot(AMPLITUDES, loop[:, 1], "s--", color=ORANGE, label="scatter $c_i = S_i/s^2$")
         left.set(xlabel="stress ratio $s$ of the loop [-]", title="Left by loops, over $s^2$", ylim=(0.0, None))
         left.legend()
         middle.plot(levels, curve[0], "o", color=BLACK, markersize=3.5, label="DEM")
