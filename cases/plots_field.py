@@ -90,6 +90,8 @@ def _curves(above: Any, below: Any, columns: dict[str, NDArray[Any]], scene: dic
     below.plot(place, columns["coordination"], color=BLUE, label="mean", **marker)
     below.set(xlabel=label, ylabel="coordination number $z$ [-]", title="Contact network")
     below.ticklabel_format(axis="y", useOffset=False)
+    if float(np.max(high) - np.min(low)) < 1e-9:  # a network that is kept: rounding is not magnified
+        below.set_ylim(float(np.min(low)) - 0.01, float(np.max(high)) + 0.01)
     below.legend()
 
 

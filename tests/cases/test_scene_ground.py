@@ -89,3 +89,21 @@ def test_part_of_a_boundary_and_graded_stress_are_refused_with_a_sentence(granfa
         result = granfabric("run", "strip_footing", "-o", tmp_path / "out", "--set", assignment)
         assert result.code == 2 and words in result.err, (assignment, result.err)
         assert result.err.count("\n") == 1 and not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_bearing_capacity_against_prandtl(solve_scene: Callable) -> None:
+    """N_q of Prandtl and Reissner with associated flow. Displacement elements with full equilibrium at nodes bound the
+    limit load from above here, and err in proportion to the size of the elements at the singular edge: two meshes,
+    drawn on to zero size, meet the closed form within what the second order leaves, h^2 of 1/16, about 2 %."""
+    sine, apex = 0.3, 1e3
+    prandtl = np.exp(np.pi * np.tan(np.arcsin(sine))) * (1 + sine) / (1 - sine) * (100e3 + apex) - apex
+    limit = []
+    for nx, ny in ((16, 8), (24, 12)):
+        _, steps = solve_scene("footing_capacity", f"mesh.rectangle.nx={nx}", f"mesh.rectangle.ny={ny}")
+        reaction = [-step.reactions["footing"][1] for step in steps if step.stage == "push" and step.fraction > 0.8]
+        assert np.ptp(reaction) < 0.005 * reaction[-1]  # a plateau
+        limit.append(reaction[-1])
+    assert prandtl < limit[1] < limit[0] < 1.1 * prandtl
+    drawn_on = limit[1] - (limit[0] - limit[1]) * (1 / 24) / (1 / 16 - 1 / 24)
+    assert drawn_on == pytest.approx(prandtl, rel=0.02)
