@@ -93,7 +93,7 @@ def test_part_of_a_boundary_and_graded_stress_are_refused_with_a_sentence(granfa
 
 @pytest.mark.slow
 def test_bearing_capacity_against_prandtl(solve_scene: Callable) -> None:
-    """N_q of Prandtl and Reissner with associated flow. Displacement elements with full equilibrium at nodes bound the
+    """N_q of Prandtl and Reissner with associated flow. Displacement elements come to the
     limit load from above here, and err in proportion to the size of the elements at the singular edge: two meshes,
     drawn on to zero size, meet the closed form within what the second order leaves, h^2 of 1/16, about 2 %."""
     sine, apex = 0.3, 1e3
