@@ -35,8 +35,8 @@ SOFTEST = 0.2
 """The shear modulus is taken to fall to this share at most; beyond, q hardly changes any more."""
 WINDOW = 0.1
 """The peak is the largest mean over this share of the whole strain, which evens out single stress drops."""
-STILL_RISING = 0.03
-"""A loading whose q/p still grows by this share over its last half has not come to the peak."""
+LEAST_STRAIN = 50.0
+"""A loading that is shorter than so many reference strains has not come to within 2 % of the peak that it tends to."""
 
 
 @dataclass(frozen=True)
@@ -122,24 +122,10 @@ def _integral(values: Array, over: Array) -> Array:
 
 
 def peak_stress_ratio(part: PlasticPart) -> float:
-    """Largest mean of q/p over `WINDOW` of the whole strain.
-
-    Raises
-    ------
-    SampleError
-        If the loading has not come to a peak.
-    """
+    """Largest mean of q/p over `WINDOW` of the whole strain."""
     strain, ratio = part.shear, part.stress_ratio
     grid = np.linspace(strain[0], strain[-1], 401)
     even = np.interp(grid, strain, ratio)
-    half = len(grid) // 2
-    quarter = len(grid) // 4
-    growth = even[-quarter:].mean() - even[half : half + quarter].mean()
-    if growth > STILL_RISING * even.max():
-        raise SampleError(
-            f"q/p still grows at the end of the loading, at a shear strain of {strain[-1]:.3g}: "
-            "the peak needs a longer one"
-        )
     width = max(1, round(WINDOW * len(grid)))
     return float(np.convolve(even, np.ones(width) / width, "valid").max())
 
@@ -204,6 +190,11 @@ def measure_sliding(
     part = plastic_part(history, measured, rattlers)
     peak = peak_stress_ratio(part)
     hardening = fit_hardening(part, peak)
+    if part.shear[-1] < LEAST_STRAIN * hardening.reference:
+        raise SampleError(
+            f"the loading ends at a shear strain of {part.shear[-1]:.3g}, where q/p may still grow: the peak needs "
+            f"{LEAST_STRAIN:g} times the reference strain of {hardening.reference:.3g}"
+        )
     slope, constant = fit_dilatancy(part, peak)
     values = (peak, 0.0, hardening.reference, hardening.exponent, slope, constant)
     return dict(zip(SLIDING_KEYS, values, strict=True)), hardening.misfit

@@ -55,3 +55,19 @@ def test_measured_parameters_reach_the_law(tmp_path: Path) -> None:
     file = tmp_path / "material.toml"
     file.write_text(material_text(values, "a test"))
     assert read_material(file)["material"] == pytest.approx(values)
+
+
+@pytest.mark.slow
+def test_dem_peak_measures_sliding_for_the_law(granfabric: Callable, tmp_path: Path) -> None:
+    """A few disks to one per cent: the table has the parameters, and the point scene takes them."""
+    small = ("packing.particles=300", "path.0.largest_strain=0.01", "output.every=0", "output.pictures=false")
+    words = [word for text in small for word in ("--set", text)]
+    result = granfabric("dem", "dem_peak", "-o", tmp_path / "dem", *words)
+    assert result.code == 0, result.err
+    measured = read_material(tmp_path / "dem" / "material.toml")["material"]
+    assert set(SLIDING_KEYS) <= set(measured)
+    # so few disks scatter
+    assert 0.3 < measured["peak_stress_ratio"] < 0.5
+    assert 2e-5 < measured["reference_plastic_strain"] < 2e-4
+    columns = run(granfabric, tmp_path / "point", "--set", f"material_file={tmp_path / 'dem' / 'material.toml'}")
+    assert columns["plastic_shear_strain"][-1] > 1e-3
