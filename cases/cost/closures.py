@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,18 +20,19 @@ from dem_ref.path import Segment, biaxial_test, loading_cycles
 
 from .. import files
 from ..dem import measured_inputs
+from ..plot_style import picture
 from ..verify_model import closures, material
 from .clock import best_of
-from .draw import work_precision
+from .draw import FRONT, LOOKS, log_axes, panel
 from .front import cheapest, mark_fronts
 from .grains import GrainStore, Watch
-from .study import COMMON_COLUMNS, Axes, Column, Effort, Row, Study, StudyError
+from .study import COMMON_COLUMNS, Column, Effort, Row, Study, StudyError
 
 Array = NDArray[np.float64]
 
 DISKS, PACKINGS = 2500, 2
 QUICK_DISKS, QUICK_PACKINGS = 400, 1
-TOLERANCES, QUICK_TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6), (1e-2, 1e-4)
+TOLERANCES, QUICK_TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8), (1e-2, 1e-4)
 POINTS = 32
 """Equal points side by side, so that the time is that of the kernels and not of a call."""
 STEP = 0.02
@@ -67,26 +69,18 @@ class Test:
 
 TESTS = {
     "constant_pressure": Test(
-        "loading at constant mean pressure to $q/p = 0.2$",
+        "constant mean pressure to $q/p = 0.2$",
         tuple(biaxial_test("constant_pressure", 0.202, 0.02)),
         (0.2,),
     ),
     "constant_lateral_stress": Test(
-        "loading at constant lateral stress to $q/p = 0.2$",
+        "constant lateral stress to $q/p = 0.2$",
         tuple(biaxial_test("constant_lateral_stress", 0.202, 0.02)),
         (0.2,),
         lateral=True,
     ),
     "loop": Test("loop of $q/p$: 0, 0.2, 0, 0.2", tuple(loading_cycles(0.2, 1)), (0.2, 0.0, 0.2)),
 }
-
-AXES = Axes(
-    error="largest distance from grains in $z$ (relative), $a_c$ [-]",
-    seconds="processor time per point and path [s]",
-    count="evaluations of the rates per point and path",
-    facet_titles={name: test.title for name, test in TESTS.items()},
-)
-
 
 def of_grains(history: dict[str, Array], test: Test) -> Array:
     """Coordination number and fabric anisotropy of a DEM run at the levels of each leg, shape (nlegs, nlevels, 2).
@@ -258,8 +252,43 @@ def _row(test: str, closure: str, tolerance: float, answers: list[tuple[Answer, 
 
 
 def draw(path: Path, table: Sequence[Row]) -> None:
-    """The work-precision picture of the closures."""
-    work_precision(path, "Closures of the point law against grains", AXES, table)
+    """Error against time on each test; below, the distances in both quantities at the tightest tolerance."""
+    names = list(dict.fromkeys(row["series"] for row in table))
+    looks = {name: LOOKS[place % len(LOOKS)] for place, name in enumerate(names)}
+    finest = min(row["tolerance"] for row in table)
+    with picture(path, 13.0, 7.6) as figure:
+        grid = figure.subplots(2, len(TESTS), squeeze=False, sharey="row")
+        handles: dict[str, Any] = {}
+        for place, (name, test) in enumerate(TESTS.items()):
+            members = [row for row in table if row["facet"] == name]
+            axes = grid[0, place]
+            handles |= panel(axes, members, "seconds", "on_front", looks)
+            log_axes(axes)
+            axes.set(title=f"({'abc'[place]}) {test.title}", xlabel="processor time per point and path [s]")
+            axes.title.set_fontsize(10)
+            _bars(grid[1, place], [row for row in members if row["tolerance"] == finest], looks)
+            grid[1, place].set_title(f"({'def'[place]}) the same, both quantities", fontsize=10)
+        grid[0, 0].set_ylabel("largest distance from grains [-]")
+        grid[1, 0].set_ylabel("largest distance from grains [-]")
+        order = [name for name in (*names, FRONT) if name in handles]
+        figure.legend([handles[name] for name in order], order, loc="outside lower center", ncols=5, fontsize=9)
+        figure.suptitle("Closures of the point law against grains: $z$ (relative) and $a_c$", x=0.01, ha="left",
+                        fontsize=13)  # fmt: skip
+
+
+def _bars(axes: Any, members: Sequence[Row], looks: dict[str, tuple[str, str]]) -> None:
+    """Distances in z and a_c side by side, and how far the packings are from each other."""
+    width = 0.8 / max(1, len(members))
+    for place, row in enumerate(members):
+        at = [quantity + (place - (len(members) - 1) / 2) * width for quantity in (0, 1)]
+        axes.bar(at, [row["error_coordination"], row["error_fabric"]], 0.9 * width, color=looks[row["series"]][0])
+    if members and members[0]["scatter_of_packings"] > 0.0:
+        axes.axhline(members[0]["scatter_of_packings"], color="black", linestyle=":", linewidth=1.2)
+        axes.text(1.45, members[0]["scatter_of_packings"], "between packings", fontsize=8, ha="right", va="center",
+                  bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5})  # fmt: skip
+    axes.set_xticks((0, 1), ("$z$ (relative)", "$a_c$"))
+    axes.set_yscale("log")
+    axes.grid(axis="x", visible=False)
 
 
 def findings(table: Sequence[Row]) -> list[str]:
@@ -281,7 +310,7 @@ def findings(table: Sequence[Row]) -> list[str]:
     for closure in dict.fromkeys(row["series"] for row in table):
         members = [row for row in table if row["series"] == closure and row["facet"] == "constant_pressure"]
         best = min((row["error"] for row in members), default=float("nan"))
-        enough = cheapest(members, 1.05 * best)
+        enough = cheapest(members, 1.05 * best, "count")
         if enough is not None:
             said.append(
                 f"{closure}: a {enough['setting']} brings it as near to grains as it gets, with "

@@ -7,7 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
+from matplotlib.ticker import (
+    FuncFormatter,
+    LogFormatterSciNotation,
+    LogLocator,
+    MaxNLocator,
+    NullFormatter,
+    NullLocator,
+)
 
 from ..plot_style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, picture
 from .study import Axes, Row
@@ -126,8 +133,12 @@ def log_axes(axes: Any) -> None:
         low, high = axis.get_view_interval()
         axis.set_major_locator(LogLocator(numticks=9))
         axis.set_minor_formatter(NullFormatter())
-        if 0.0 < low < high < 30.0 * low:
-            # powers of ten alone would say too little
+        # over a short range powers of ten alone would say too little
+        if 0.0 < low < high < 4.0 * low:
+            axis.set_major_locator(MaxNLocator(4))
+            axis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
+            axis.set_minor_locator(NullLocator())
+        elif 0.0 < low < high < 30.0 * low:
             axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
             axis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(np.inf, np.inf)))
     axes.grid(which="minor", visible=False)
