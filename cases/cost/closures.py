@@ -37,6 +37,7 @@ POINTS = 32
 """Equal points side by side, so that the time is that of the kernels and not of a call."""
 STEP = 0.02
 """Increments of q/p."""
+SCATTER = "difference between packings"
 LEVELS = np.arange(0.0, 0.2001, 0.04)
 """Stress ratios q/p at which law and grains are compared, in loading and in unloading."""
 
@@ -266,29 +267,29 @@ def draw(path: Path, table: Sequence[Row]) -> None:
             log_axes(axes)
             axes.set(title=f"({'abc'[place]}) {test.title}", xlabel="processor time per point and path [s]")
             axes.title.set_fontsize(10)
-            _bars(grid[1, place], [row for row in members if row["tolerance"] == finest], looks)
+            handles |= _bars(grid[1, place], [row for row in members if row["tolerance"] == finest], looks)
             grid[1, place].set_title(f"({'def'[place]}) the same, both quantities", fontsize=10)
         grid[0, 0].set_ylabel("largest distance from grains [-]")
         grid[1, 0].set_ylabel("largest distance from grains [-]")
-        order = [name for name in (*names, FRONT) if name in handles]
-        figure.legend([handles[name] for name in order], order, loc="outside lower center", ncols=5, fontsize=9)
+        order = [name for name in (*names, FRONT, SCATTER) if name in handles]
+        figure.legend([handles[name] for name in order], order, loc="outside lower center", ncols=6, fontsize=9)
         figure.suptitle("Closures of the point law against grains: $z$ (relative) and $a_c$", x=0.01, ha="left",
                         fontsize=13)  # fmt: skip
 
 
-def _bars(axes: Any, members: Sequence[Row], looks: dict[str, tuple[str, str]]) -> None:
-    """Distances in z and a_c side by side, and how far the packings are from each other."""
+def _bars(axes: Any, members: Sequence[Row], looks: dict[str, tuple[str, str]]) -> dict[str, Any]:
+    """Distances in z and a_c side by side, and how far the packings are from each other; its handle for the legend."""
+    handles: dict[str, Any] = {}
     width = 0.8 / max(1, len(members))
     for place, row in enumerate(members):
         at = [quantity + (place - (len(members) - 1) / 2) * width for quantity in (0, 1)]
         axes.bar(at, [row["error_coordination"], row["error_fabric"]], 0.9 * width, color=looks[row["series"]][0])
     if members and members[0]["scatter_of_packings"] > 0.0:
-        axes.axhline(members[0]["scatter_of_packings"], color="black", linestyle=":", linewidth=1.2)
-        axes.text(1.45, members[0]["scatter_of_packings"], "between packings", fontsize=8, ha="right", va="center",
-                  bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5})  # fmt: skip
+        handles[SCATTER] = axes.axhline(members[0]["scatter_of_packings"], color="black", linestyle=":")
     axes.set_xticks((0, 1), ("$z$ (relative)", "$a_c$"))
     axes.set_yscale("log")
     axes.grid(axis="x", visible=False)
+    return handles
 
 
 def findings(table: Sequence[Row]) -> list[str]:
