@@ -59,12 +59,15 @@ FACETS = {
         1,
         points=48,
         reference_increments=400,
-        finest={
-            "modified_euler": 1e-6,
-            "bogacki_shampine": 1e-8,
-            "dormand_prince": 1e-8,
-            "kennedy_carpenter": 1e-8,
-        },
+        finest={name: 1e-6 if name == "modified_euler" else 1e-8 for name in EMBEDDED},
+        most_fixed=256,
+    ),
+    "fluctuating, 1e-4": Facet(
+        Closure(force_change="fluctuating", tangential="self_consistent"),
+        1,
+        points=48,
+        reference_increments=400,
+        finest={name: 1e-6 if name == "modified_euler" else 1e-8 for name in EMBEDDED},
         most_fixed=256,
     ),
 }
@@ -83,6 +86,7 @@ AXES = Axes(
         "mean field, 1e-4": "mean field, one strain increment of $10^{-4}$",
         "mean field, 1e-6": "mean field, 100 increments of $10^{-6}$",
         "shifted distribution, 1e-4": "shifted distribution, one increment of $10^{-4}$",
+        "fluctuating, 1e-4": "fluctuating weak forces, one increment of $10^{-4}$",
     },
 )
 
@@ -242,13 +246,13 @@ STUDY = Study(
             "forward Euler with fixed substeps; modified Euler 2(1), Bogacki-Shampine 3(2), "
             "Dormand-Prince 5(4) and the implicit Kennedy-Carpenter 3(2) under error control",
         ),
-        ("tolerance", "1e-2 ... 1e-10 (shifted distribution: to 1e-8, modified Euler to 1e-6)"),
+        ("tolerance", "1e-2 ... 1e-10 (shifted distribution and fluctuating: to 1e-8, modified Euler to 1e-6)"),
         ("fixed substeps", "1 ... 1024 an increment, up to 6400 a path"),
         ("increment", "strain of 1e-4 in one increment, or in 100 of 1e-6"),
-        ("closure", "mean field; shifted distribution (one increment)"),
+        ("closure", "mean field; shifted distribution, fluctuating (one increment)"),
         (
             "points",
-            "512 (shifted distribution: 48): a quarter biaxial under turned axes, the others compressed and sheared in "
+            "512 (shifted distribution, fluctuating: 48): a quarter biaxial under turned axes, the others compressed and sheared in "
             "random directions from q/p up to 0.2, so that loading, unloading and turning axes occur",
         ),
         (
