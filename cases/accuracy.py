@@ -55,7 +55,7 @@ class Settings:
     integrator : str
     tolerance : float
     directions : int
-        For closures without closed form.
+        On each arc, for closures without closed form; see `directions_for`.
     solver_tolerance : float
         Residual of Newton's method over nodal forces.
     load_steps : int
@@ -72,6 +72,10 @@ class Settings:
     solver_tolerance: float
     load_steps: int
     measured: float
+
+    def directions_for(self, force_change: Any) -> int:
+        """`integration.directions` of a closure: twice as many for one that takes half of them around the circle."""
+        return self.directions if force_change in ("mean_field", "fluctuating", None) else 2 * self.directions
 
 
 TABLE = (
@@ -149,10 +153,12 @@ def apply(table: dict[str, Any]) -> Choice | None:
     if not isinstance(wanted, float) or not FINEST <= wanted <= COARSEST or table.get("kind") not in ("point", "field"):
         return None
     row = settings_for(wanted)
+    closure = table.get("closure", {})
+    force_change = closure.get("force_change") if isinstance(closure, Mapping) else None
     decided: list[tuple[str, str, Any]] = [
         ("integration", "integrator", row.integrator),
         ("integration", "tolerance", row.tolerance),
-        ("integration", "directions", row.directions),
+        ("integration", "directions", row.directions_for(force_change)),
     ]
     if table["kind"] == "field":
         decided.append(("solver", "tolerance", row.solver_tolerance))

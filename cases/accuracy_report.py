@@ -55,7 +55,7 @@ def achieved(loaded: Any, folder: Path) -> dict[str, float]:
         integrator="bogacki_shampine",
         tolerance=max(0.01 * min(law.integration.tolerance, 1e-4), 1e-12),
         substeps=0,
-        directions=max(law.integration.directions, 32),
+        directions=max(law.integration.directions, 64),
     )
     legs = [replace(leg, increments=FINER * leg.increments) for leg in legs_of(loaded.scene)]
     start = start_state(loaded, law.description)

@@ -252,8 +252,8 @@ STUDY = Study(
         ("closure", "mean field; shifted distribution, fluctuating (one increment)"),
         (
             "points",
-            "512 (shifted distribution, fluctuating: 48): a quarter biaxial under turned axes, the others compressed and sheared in "
-            "random directions from q/p up to 0.2, so that loading, unloading and turning axes occur",
+            "512 (shifted distribution, fluctuating: 48): a quarter biaxial under turned axes, the others compressed "
+            "and sheared in random directions from q/p up to 0.2, so that loading, unloading and turning axes occur",
         ),
         (
             "reference",

@@ -250,7 +250,10 @@ def test_state_form_follows_a_loop_of_grains_and_the_source_does_not(tables: dic
     assert set(loop) == set(closures({"coordination": 4.0, "solid_fraction": 0.85, "normal_stiffness": 1e9}))
     assert loop[BEST]["error"] < 0.3 * loop["mean_field"]["error"]
     assert loop["mean_field"]["error_coordination"] > 0.1  # it ratchets
-    for closure in loop:
+    # a closure in the form of rates may ratchet to a stiffness that is not positive definite, and be refused
+    followed = [closure for closure in loop if not loop[closure]["failed_packings"]]
+    assert {"mean_field", BEST} <= set(followed)
+    for closure in followed:
         values = [row["error"] for row in tables["closures"] if row["series"] == closure and row["facet"] == "loop"]
         assert max(values) < 1.05 * min(values)  # the tolerance does not matter beside the model
 
