@@ -272,7 +272,7 @@ def draw(path: Path, table: Sequence[Row]) -> None:
         grid[0, 0].set_ylabel("largest distance from grains [-]")
         grid[1, 0].set_ylabel("largest distance from grains [-]")
         order = [name for name in (*names, FRONT, SCATTER) if name in handles]
-        figure.legend([handles[name] for name in order], order, loc="outside lower center", ncols=6, fontsize=9)
+        figure.legend([handles[name] for name in order], order, loc="outside lower center", ncols=4, fontsize=9)
         figure.suptitle("Closures of the point law against grains: $z$ (relative) and $a_c$", x=0.01, ha="left",
                         fontsize=13)  # fmt: skip
 
