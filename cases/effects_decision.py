@@ -33,6 +33,7 @@ from .scene import LoadedScene
 
 Array = NDArray[np.float64]
 
+REFUSED = "the law refuses this start with everything on"
 LOST_SHARE = 0.05
 """Share of the area without an elastic answer that makes sense, above which nothing is left out."""
 TIMED = 3
@@ -148,7 +149,8 @@ def decide_point(loaded: LoadedScene, timed: bool = False) -> Decision:
     shares = np.ones(1)
     bench = _Bench(law, lambda other: drive_point(other, start, legs), shares, None)
     reference = bench.trial(everything(scene))
-    assert reference is not None
+    if reference is None:
+        return Decision(everything(scene), tolerance=tolerance(scene), note=REFUSED)
     paths = Paths(
         reference.strain,
         reference.stress,
@@ -173,9 +175,14 @@ def decide_field(loaded: LoadedScene, prepared: Prepared, timed: bool = False) -
     points, shares = sample(paths)
     few = replace(paths.at(points), weights=shares)
     law = _base_law(loaded)
-    bench = _Bench(law, lambda other: follow(other, few), shares, stiffness(law, few))
+    try:
+        moduli = stiffness(law, few)
+    except ParameterError:
+        return Decision(everything(loaded.scene), tolerance=tolerance(loaded.scene), note=REFUSED)
+    bench = _Bench(law, lambda other: follow(other, few), shares, moduli)
     reference = bench.trial(everything(loaded.scene))
-    assert reference is not None
+    if reference is None:
+        return Decision(everything(loaded.scene), tolerance=tolerance(loaded.scene), note=REFUSED)
     return _decide(loaded, bench, paths, reference.reached < len(few.strain) - 1, timed, shares)
 
 

@@ -25,7 +25,7 @@ from .study import COMMON_COLUMNS, Column, Effort, Row, Study, StudyError
 ACROSS, QUICK_ACROSS = 5, 2
 FACETS = {
     "biaxial": "biaxial test",
-    "rotation": "biaxial test, then shear: axes turn",
+    "rotation": "biaxial, then shear",
     "unloading": "biaxial test and back",
 }
 EVERYTHING = "everything"
@@ -132,11 +132,11 @@ def draw(path: Path, table: Sequence[Row]) -> None:
             grid[place, 0].barh(heights, [row["relative_time"] for row in members], color=BLUE)
             grid[place, 0].set_yticks(heights, names)
             letters = "abcdef"
-            grid[place, 0].set_title(f"({letters[2 * place]}) {FACETS[facet]}: time over that of everything")
+            grid[place, 0].set_title(f"({letters[2 * place]}) {FACETS[facet]}: time / everything")
             grid[place, 1].barh(heights, [max(row["error"], 1e-8) for row in members], left=0, color=ORANGE)
             grid[place, 1].set(xscale="log", xlim=(1e-6, 2.0))
             grid[place, 1].axvline(1e-2, color="#888888", linewidth=1.0, linestyle="--")
-            grid[place, 1].set_title(f"({letters[2 * place + 1]}) error against everything (99 % of the area)")
+            grid[place, 1].set_title(f"({letters[2 * place + 1]}) error (99 % of the area)")
         figure.suptitle("What each effect costs, and what leaving it out does", x=0.01, ha="left", fontsize=13)
 
 

@@ -1,0 +1,16 @@
+"""Decisions are right on every shipped scene: against everything on, the error stays below the tolerance."""
+
+from __future__ import annotations
+
+import pytest
+
+from cases.cost.decisions import LEFT_OPEN, coarse, judge, scene_names
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", scene_names())
+def test_what_is_left_out_stays_within_the_tolerance(name: str) -> None:
+    row = judge(coarse(name, [f"effects.tolerance={LEFT_OPEN}"]))
+    assert row["error"] <= row["tolerance"], row
+    assert row["estimate"] <= 0.5 * row["tolerance"]
+    assert row["finished"]
