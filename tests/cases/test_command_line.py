@@ -42,7 +42,8 @@ def test_scenes_shows_the_text_of_one(granfabric: Callable) -> None:
 def test_a_scene_is_copied_with_its_mesh(granfabric: Callable, tmp_path: Path) -> None:
     result = granfabric("scenes", "--copy", "biaxial", "-o", tmp_path / "mine")
     assert result.code == 0
-    assert {file.name for file in (tmp_path / "mine").iterdir()} == {"biaxial.toml", "biaxial.msh", "biaxial.geo"}
+    names = {"biaxial.toml", "biaxial.msh", "biaxial.geo", "schema.json"}
+    assert {file.name for file in (tmp_path / "mine").iterdir()} == names
     assert granfabric("scenes", "--copy", "biaxial", "-o", tmp_path / "mine").code == 2
 
 
