@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -139,7 +140,12 @@ def take_up_history(folder: Path, history: FieldHistory, last: int, gaps: bool =
         history.take_up(names, rows)
     except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"cannot go on: {path} cannot be used ({error})") from error
-    whole = all(len(row) == len(names) for row in rows)
+    whole = all(len(row) == len(names) for row in rows) and all(
+        isinstance(cell, int) or (isinstance(cell, float) and math.isfinite(cell))
+        for row in rows
+        for name, cell in zip(names, row)
+        if name != "stage"
+    )
     steps = [row[0] for row in rows]
     expected = sorted({0, *steps, last}) if gaps else list(range(last + 1))
     if not whole or steps != expected:

@@ -64,7 +64,7 @@ def read(file: Path) -> Any:
     """
     try:
         with guarded(file.stat().st_size):
-            mesh = meshio.read(file)
+            mesh = meshio.vtu.read(str(file))
     except (ForeignFileError, OSError) as error:
         raise InputError(f"{file} cannot be read: {error}") from error
     count = len(mesh.points)

@@ -48,7 +48,7 @@ def guarded(size: int) -> Iterator[None]:
             yield
     except MemoryError:
         raise ForeignFileError("it names counts that a file of its size cannot hold") from None
-    except Exception as error:  # whatever a parser raises on damaged input
+    except (Exception, SystemExit) as error:  # whatever a parser does on damaged input, leaving the program included
         reason = str(error).strip().splitlines()
         raise ForeignFileError(reason[0][:200] if reason else type(error).__name__) from None
     if said.getvalue().strip():
