@@ -138,7 +138,7 @@ def take_up_history(folder: Path, history: FieldHistory, last: int, gaps: bool =
         if gaps:
             rows = [row for row in rows if row[0] <= last]
         history.take_up(names, rows)
-    except (OSError, ValueError, csv.Error) as error:
+    except (OSError, ValueError, TypeError, IndexError, csv.Error) as error:
         raise InputError(f"cannot go on: {path} cannot be used ({error})") from error
     whole = all(len(row) == len(names) for row in rows) and all(
         isinstance(cell, int) or (isinstance(cell, float) and math.isfinite(cell))

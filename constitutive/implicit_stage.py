@@ -25,6 +25,7 @@ from .lanes import (
     EVALUATIONS,
     KEPT_X1,
     KEPT_X2,
+    KEPT_STIFFNESS,
     KERNEL_OPTIONS,
     LANES,
     OLD_ITERATE,
@@ -37,6 +38,7 @@ from .lanes import (
     SOLVING,
     STAGE,
     STEP,
+    STIFF_K,
     UNKNOWNS,
     WEIGHT,
     WORST,
@@ -167,8 +169,11 @@ def improve_stage(w, number, diagonal, tolerance, passes, derivatives, sliding):
         for row in range(RATES):
             w[iterate + row * L + lane] = w[RATE + row * L + lane]
         w[KEPT_X1 + lane], w[KEPT_X2 + lane] = w[X1 + lane], w[X2 + lane]
+        for row in range(5):
+            w[KEPT_STIFFNESS + row * L + lane] = w[STIFF_K + row * L + lane]
     if done:
-        # what lanes solved early left for the next stage to start from, however long others took
+        # what lanes solved early left for the next stage and the error to start from, however long others took
         copy_rows(w, X1, KEPT_X1, L)
         copy_rows(w, X2, KEPT_X2, L)
+        copy_rows(w, STIFF_K, KEPT_STIFFNESS, 5 * L)
     return done

@@ -145,7 +145,7 @@ def update_points(
                         w, lane, point, state_start, par, micro_of_column, control[point if mixed else 0], mixed
                     )
                 if tangent_kind != TANGENT_NONE:
-                    stiffness_of(w, lane, outcome != NOT_FINITE, tangent[point])
+                    stiffness_of(w, lane, outcome in (OK, NO_PRESSURE), tangent[point])
                 at_rest = given[point, 0] == 0.0 and given[point, 1] == 0.0 and given[point, 2] == 0.0
                 if at_rest or outcome > LIMITED:
                     status[point] = outcome
@@ -175,7 +175,7 @@ def update_points(
         if active == 0:
             break
         attempt_substep(w, lane_control, mixed, options, numbers, derivatives, tableau, stage_tolerance, rule, solver)
-        estimate_error(w, error, tolerance, shifted)
+        estimate_error(w, error, tolerance, shifted, mixed and not sliding)
         if sliding:
             estimate_plastic_error(w, error, tolerance)
         for lane in range(LANES):

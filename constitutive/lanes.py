@@ -120,6 +120,7 @@ OLD_ITERATE, OLD_RESIDUAL = STAGE + 5 * RATES * L, STAGE + 6 * RATES * L
 EVALUATIONS = _rows(1)
 """Evaluations of the rates in the substep under way."""
 SOLVING, SETTLED, KEPT_X1, KEPT_X2 = (_rows(1) for _ in range(4))
+KEPT_STIFFNESS = _rows(5)
 WEIGHT = _rows(UNKNOWNS)
 BLOCK_RESIDUAL, BLOCK_CHANGE, BLOCK_CROSS, BLOCK_SIZE = (_rows(1) for _ in range(4))
 

@@ -47,6 +47,7 @@ from .lanes import (
     L,
     Y,
 )
+from .runge_kutta import SMALLEST_COORDINATION
 from .stiffness import fill_stiffness, isostatic_shear, moduli_per_contact, stress_invariants
 
 # columns of the parameter table, in the order of `parameters.Material.variables`
@@ -86,6 +87,7 @@ PRESSURE_FLOOR = 1e-18
 _OK = int(Status.OK)
 _NO_PRESSURE = int(Status.NO_PRESSURE)
 _NOT_FINITE = int(Status.NOT_FINITE)
+_NOT_ADMISSIBLE = int(Status.NOT_ADMISSIBLE)
 
 
 @compiled()
@@ -117,7 +119,7 @@ def load_point(w, lane, point, given, stress_start, state_start, par, micro_of_c
     Returns
     -------
     int
-        OK, NOT_FINITE or NO_PRESSURE: with the last two the point cannot be advanced.
+        OK, NOT_FINITE, NOT_ADMISSIBLE or NO_PRESSURE: with the last three the point cannot be advanced.
     """
     finite = True
     for i in range(3):
@@ -126,6 +128,7 @@ def load_point(w, lane, point, given, stress_start, state_start, par, micro_of_c
         w[Y + i * L + lane] = stress_start[point, i]
     w[Y + 5 * L + lane] = 0.0
     n1, n2, spread = 0.0, 0.0, 0.0
+    z, a1, a2 = 0.0, 0.0, 0.0
     w[ORIGIN_A1 + lane], w[ORIGIN_A2 + lane] = 0.0, 0.0
     w[X1 + lane], w[X2 + lane], w[LARGEST_S + lane] = 0.0, 0.0, 0.0
     for i in range(state_start.shape[1]):
@@ -134,6 +137,12 @@ def load_point(w, lane, point, given, stress_start, state_start, par, micro_of_c
         entry = micro_of_column[i]
         if entry <= M_A2:
             w[Y + (3 + entry) * L + lane] = value
+            if entry == M_Z:
+                z = value
+            elif entry == M_A1:
+                a1 = value
+            else:
+                a2 = value
         elif entry == M_N1:
             n1 = value
         elif entry == M_N2:
@@ -172,6 +181,8 @@ def load_point(w, lane, point, given, stress_start, state_start, par, micro_of_c
         w[Y + 5 * L + lane] = w[X2 + lane] - numbers[CHI] * (n2 + w[Y + 5 * L + lane])
     if not finite:
         return _NOT_FINITE
+    if not (z > SMALLEST_COORDINATION and a1 * a1 + a2 * a2 < 4.0):
+        return _NOT_ADMISSIBLE
     floor = PRESSURE_FLOOR * par[PAR_KN]
     p, s1, s2 = stress_invariants(stress_start[point, 0], stress_start[point, 1], stress_start[point, 2])
     if not p > floor:

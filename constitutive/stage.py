@@ -84,6 +84,7 @@ from .lanes import (
 from .mixed_control import solve_mixed
 from .rates import network_rates
 from .rows import copy_rows
+from .runge_kutta import SMALLEST_COORDINATION
 from .sliding_stage import sliding_column, sliding_rates
 from .stiffness import stress_rate
 from .weak_force_stage import resolve_network, weak_force_rates, weak_force_slopes
@@ -225,7 +226,7 @@ def _check(w, options):
         outcome = LIMITED if harmonic and fabric > 1.0 else OK
         outcome = outcome if definite else STIFFNESS_LOST
         outcome = outcome if p > w[FLOOR + lane] else NO_PRESSURE
-        admissible = z > 0.0 and fabric < 4.0
+        admissible = z > SMALLEST_COORDINATION and fabric < 4.0
         outcome = outcome if admissible else NOT_ADMISSIBLE
         usable = outcome <= LIMITED
         # a lane that has failed computes on with harmless numbers

@@ -24,6 +24,11 @@ from .lanes import (
     SLOT_SCALE,
     STAGE,
     STEP,
+    STIFF_A1,
+    STIFF_A2,
+    STIFF_B,
+    STIFF_G,
+    STIFF_K,
     SUMS,
     TRIAL,
     UNKNOWNS,
@@ -32,8 +37,9 @@ from .lanes import (
     Y,
 )
 from .rows import add_scaled, copy_rows
-from .runge_kutta import LARGEST_CHANGE, MAX_FACTOR, MIN_FACTOR, SAFETY
+from .runge_kutta import LARGEST_CHANGE, MAX_FACTOR, MIN_FACTOR, SAFETY, SMALLEST_COORDINATION
 from .stage import stage
+from .stiffness import stress_rate
 
 LIMITED = int(Status.LIMITED)
 NO_PRESSURE = int(Status.NO_PRESSURE)
@@ -114,8 +120,11 @@ def _larger(measure, error, step, scale):
 
 
 @compiled(**KERNEL_OPTIONS)
-def estimate_error(w, error, tolerance, shifted):
-    """Error of the substep in units of the tolerance (stress relative to p, z relative, a_c absolute); end state."""
+def estimate_error(w, error, tolerance, shifted, mixed):
+    """Error of the substep in units of the tolerance (stress relative to p, z relative, a_c absolute); end state.
+
+    Where stress is given (`mixed`), the strain is what is asked for: its error counts as the stress that belongs to it.
+    """
     for index in range(UNKNOWNS * L):
         w[ERROR + index] = 0.0
     for m in range(error.shape[0]):
@@ -129,6 +138,16 @@ def estimate_error(w, error, tolerance, shifted):
         measure = _larger(measure, w[ERROR + 3 * L + lane], h, tolerance * w[SLOT_SCALE + lane])
         measure = _larger(measure, w[ERROR + 4 * L + lane], h, tolerance)
         measure = _larger(measure, w[ERROR + 5 * L + lane], h, tolerance)
+        if mixed:
+            xx, yy, xy = 0.0, 0.0, 0.0
+            for m in range(error.shape[0]):
+                row = STAGE + (m * RATES + ADVANCED + 6) * L + lane
+                xx, yy, xy = xx + error[m] * w[row], yy + error[m] * w[row + L], xy + error[m] * w[row + 2 * L]
+            k, g, b = w[STIFF_K + lane], w[STIFF_G + lane], w[STIFF_B + lane]
+            xx, yy, xy = stress_rate(k, g, b, w[STIFF_A1 + lane], w[STIFF_A2 + lane], xx, yy, xy)
+            measure = _larger(measure, xx, h, p)
+            measure = _larger(measure, yy, h, p)
+            measure = _larger(measure, xy, h, p)
         start, end = -0.5 * (w[Y + lane] + w[Y + L + lane]), -0.5 * (w[TRIAL + lane] + w[TRIAL + L + lane])
         change = _larger_change(0.0, end - start, LARGEST_CHANGE * start)
         growth = w[TRIAL + 3 * L + lane] - w[Y + 3 * L + lane]
@@ -140,7 +159,7 @@ def estimate_error(w, error, tolerance, shifted):
         w[MEASURE + lane] = measure if measure > change or change <= 1.0 else change
         z, a1, a2 = w[TRIAL + 3 * L + lane], w[TRIAL + 4 * L + lane], w[TRIAL + 5 * L + lane]
         outcome = w[WORST + lane]
-        inside = z > 0.0 and a1 * a1 + a2 * a2 < 4.0
+        inside = z > SMALLEST_COORDINATION and a1 * a1 + a2 * a2 < 4.0
         admissible = (inside or shifted) and measure < math.inf
         pressure = end > w[FLOOR + lane]
         fine = outcome <= LIMITED

@@ -12,12 +12,11 @@ from hard_laws import (
     PRESSURE,
     Trail,
     assert_sound,
-    closures,
+    each_closure,
+    each_integration,
     follow,
-    integrations,
     make_law,
     material,
-    name_of,
     steps_to,
     stress_of,
 )
@@ -25,11 +24,10 @@ from hard_laws import (
 from constitutive.contract import Status
 from constitutive.law import ContactLaw
 from constitutive.parameters import Closure, Integration
+from constitutive.runge_kutta import SMALLEST_COORDINATION
 
 P0 = 0.5
-CLOSURES, INTEGRATIONS = closures(), integrations()
-EVERY = [pytest.param(c, id=name_of(c)) for c in CLOSURES]
-EACH = [pytest.param(i, id=name_of(i)) for i in INTEGRATIONS]
+EVERY, EACH = each_closure(), each_integration()
 
 
 def law_or_skip(closure: Closure, integration: Integration | None = None, **options: object) -> ContactLaw:
@@ -59,7 +57,11 @@ def test_pressure_to_a_millionth(closure: Closure, integration: Integration) -> 
     dX0 = (chi_p - X0) d, X0 = chi_p (1 - p0/p), and z = z0 exp(P0 X0) as long as that is a number above its floor.
     """
     p = PRESSURE * np.logspace(0, -6, 61)[1:]
-    trail = follow(law_or_skip(closure, integration), stress_of(PRESSURE)[None], steps_to(stress_of(p)[:, None], stress_of(PRESSURE)))
+    trail = follow(
+        law_or_skip(closure, integration),
+        stress_of(PRESSURE)[None],
+        steps_to(stress_of(p)[:, None], stress_of(PRESSURE)),
+    )
     assert_sound(trail)
     z = trail.get("coordination")[:, 0]
     reached = trail.status[1:, 0] <= Status.LIMITED
@@ -70,12 +72,12 @@ def test_pressure_to_a_millionth(closure: Closure, integration: Integration) -> 
         else:  # refused where z comes to the isostatic number, and there only
             assert reached.sum() == np.count_nonzero(expected > 3.0)
             assert trail.status[-1, 0] == Status.STIFFNESS_LOST
-        assert z[1:][reached] == pytest.approx(expected[reached], rel=60 * accuracy(integration) / 60)
+        assert z[1:][reached] == pytest.approx(expected[reached], rel=accuracy(integration))
     elif closure.force_change == "shifted_distribution":
         expected = 4.06 * np.exp(P0 * closure.weak_contact_ratio_isotropic * (1.0 - PRESSURE / p))
-        least = 3.0 if closure.shear_stiffness == "isostatic" else 1e-100
+        least = 3.0 if closure.shear_stiffness == "isostatic" else SMALLEST_COORDINATION
         assert reached[expected > 1.01 * least].all()
-        fine = reached & (expected > 1e-12)
+        fine = reached
         assert z[1:][fine] == pytest.approx(expected[fine], rel=accuracy(integration))
         if not reached.all():
             assert trail.status[-1, 0] in (Status.STIFFNESS_LOST, Status.NOT_CONVERGED, Status.NOT_ADMISSIBLE)
@@ -94,11 +96,13 @@ def test_extension_to_zero_pressure(closure: Closure) -> None:
     trail = follow(law, stress_of(PRESSURE)[None], increments, control=(0, 0, 0))
     assert_sound(trail)
     if is_mean_field(closure) and closure.shear_stiffness == "uniform_strain":
-        assert list(trail.status[-1] > Status.LIMITED) == [False, True, True, True]
+        assert list(trail.status[-1] > Status.LIMITED) == [False, True, True, True], trail.status[-1]
         assert set(trail.status[-1, 1:]) == {Status.NO_PRESSURE}
-        assert trail.pressure[-1, 0] == pytest.approx(1e-6 * PRESSURE, rel=1e-2)  # the end magnifies errors a thousandfold
-    else:
-        assert (trail.status[-1, 3] > Status.LIMITED) or trail.pressure[-1, 3] < 1e-2 * PRESSURE
+        assert trail.pressure[-1, 0] == pytest.approx(
+            1e-6 * PRESSURE, rel=1e-2
+        )  # the end magnifies errors a thousandfold
+    else:  # where contacts open faster than pressure falls, the network is gone before the pressure
+        assert (trail.pressure[-1, 3] < 0.1 * PRESSURE) or (trail.status[-1, 3] > Status.LIMITED)
 
 
 @pytest.mark.parametrize("integration", EACH)
@@ -113,7 +117,7 @@ def test_stress_driven_through_zero(closure: Closure, integration: Integration) 
     assert (trail.status[-1] > Status.LIMITED).all()
     if not integration.substeps:
         legal = {Status.NO_PRESSURE, Status.STIFFNESS_LOST, Status.NOT_CONVERGED, Status.NOT_ADMISSIBLE}
-        assert set(trail.status[-1]) <= legal
+        assert set(trail.status[-1]) <= legal | {Status.TOO_MANY_SUBSTEPS}
 
 
 # ---------------------------------------------------------------- dp = 0, ds = 0, borders of the arcs
@@ -159,14 +163,18 @@ def test_d_within_rounding_of_the_borders(closure: Closure) -> None:
 @pytest.mark.parametrize("integration", EACH)
 @pytest.mark.parametrize("closure", EVERY)
 def test_proportional_loading(closure: Closure, integration: Integration) -> None:
-    """ds = 0, from q/p = 0.3: with b = 0 the mean force changes by d (1 + a_n.e), up in every direction: nothing is lost
-    while p doubles, and going back nothing is gained; on the way back z falls as p^P0.
+    """ds = 0, from q/p = 0.3: with b = 0 the mean force changes by d (1 + a_n.e), up in every direction: nothing is
+    lost while p doubles, and going back nothing is gained; on the way back z falls as p^P0.
     """
     law = law_or_skip(closure, integration)
     start = stress_of(PRESSURE, 0.24, 0.18)
     up = stress_of(PRESSURE * np.linspace(1, 2, 21)[1:], 0.24, 0.18)
     trail = follow(law, start[None], steps_to(np.concatenate([up, up[::-1][1:], start[None]])[:, None], start))
     assert_sound(trail)
+    if is_mean_field(closure) and closure.shear_stiffness == "isostatic":
+        # at half the pressure z would be 4.07 / sqrt 2, below the isostatic number
+        assert trail.status[-1, 0] == Status.STIFFNESS_LOST
+        return
     assert (trail.status[-1] <= Status.LIMITED).all()
     if is_mean_field(closure) and closure.tangential == "neglected":
         lost, gained, z = (trail.get(f"coordination{part}")[:, 0] for part in ("_lost", "_gained", ""))
@@ -215,7 +223,9 @@ def test_a_thousand_cycles(closure: Closure, cycles: int) -> None:
         assert trail.status[-1, 0] == Status.OK
         assert np.ptp(z[2:]) < trail.substeps[-1, 0] * 1e-5 * 4.06
     elif is_mean_field(closure):
-        assert z[1] < z[0] and z[2] < z[1]
+        running = trail.status[:, 0] <= Status.LIMITED
+        assert (np.diff(z[running]) < 0).all() and running[:5].all()
+        assert running.all() or trail.status[-1, 0] in (Status.STIFFNESS_LOST, Status.NOT_ADMISSIBLE)
 
 
 @pytest.mark.parametrize("integration", EACH)
@@ -230,6 +240,8 @@ def test_ten_times_the_whole_test_in_one_increment(closure: Closure, integration
     many = follow(law, start[None], steps_to(stress_of(PRESSURE, np.linspace(0, 3, 101)[1:])[:, None], start))
     assert_sound(one)
     assert_sound(many)
+    if Status.TOO_MANY_SUBSTEPS in (one.status[-1, 0], many.status[-1, 0]):
+        return  # an integrator of low order may say that it cannot
     if integration.substeps:  # 64 substeps of 0.047 in q/p: first order, or refused where control would cut
         return
     assert (one.status[-1, 0] > Status.LIMITED) == (many.status[-1, 0] > Status.LIMITED)
