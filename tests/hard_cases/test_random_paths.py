@@ -1,7 +1,7 @@
 """Random paths, parameters, effect sets, closures and integrators, by the batch.
 
 Hypothesis chooses the law and the seed of a batch; materials, starts and paths of its points follow from the seed.
-A few hundred paths in the default run, 100,000 and more with ``-m long``.
+Some hundred paths in the default run, 100,000 and more with ``-m long``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ from constitutive.effects import Effects
 from constitutive.law import ContactLaw
 from constitutive.parameters import Closure, Integration, Material
 
-POINTS, STEPS = 40, 6
+STEPS = 6
+POINTS = {"mean_field": 200}
+"""Points of a batch by the force change of the closure; where a substep takes much longer, fewer."""
+FEWER = 24
 MATERIALS = 10
 
 
@@ -74,19 +77,20 @@ class Batch:
         self, closure: Closure, effects: Effects, integration: Integration, seed: int, size: float = 0.3
     ) -> None:
         rng = np.random.default_rng(seed)
+        self.points = points = POINTS.get(closure.force_change, FEWER)
         self.materials = random_materials(rng, MATERIALS)
         self.closure, self.effects, self.integration = closure, effects, integration
-        self.index = rng.integers(0, MATERIALS, POINTS).astype(np.int32)
-        p, q, angle = (rng.uniform(a, b, POINTS) for a, b in ((0.3, 3.0), (0.0, 0.4), (0, 2 * np.pi)))
+        self.index = rng.integers(0, MATERIALS, points).astype(np.int32)
+        p, q, angle = (rng.uniform(a, b, points) for a, b in ((0.3, 3.0), (0.0, 0.4), (0, 2 * np.pi)))
         q, p = q * p * PRESSURE, p * PRESSURE
         self.start = np.stack([-p - q * np.cos(angle), -p + q * np.cos(angle), -q * np.sin(angle)], axis=1)
-        self.control = rng.integers(0, 2, (POINTS, 3)).astype(np.uint8)
-        kind = rng.integers(0, 3, POINTS)
+        self.control = rng.integers(0, 2, (points, 3)).astype(np.uint8)
+        kind = rng.integers(0, 3, points)
         self.control[kind == 0], self.control[kind == 1] = 0, 1
         # sizes over decades, relative to p for stress and to p/K for strain; legs reverse, repeat, stand still
-        step = rng.uniform(-1, 1, (STEPS, POINTS, 3)) * size * 10 ** rng.uniform(-3, 0, (STEPS, POINTS, 1))
-        step[:, rng.random(POINTS) < 0.2] *= np.where(np.arange(STEPS) % 2, -1.0, 1.0)[:, None, None]
-        step[rng.random((STEPS, POINTS)) < 0.05] = 0.0
+        step = rng.uniform(-1, 1, (STEPS, points, 3)) * size * 10 ** rng.uniform(-3, 0, (STEPS, points, 1))
+        step[:, rng.random(points) < 0.2] *= np.where(np.arange(STEPS) % 2, -1.0, 1.0)[:, None, None]
+        step[rng.random((STEPS, points)) < 0.05] = 0.0
         stiffness = np.array([m.coordination * m.solid_fraction * m.normal_stiffness for m in self.materials]) / (
             2 * np.pi
         )
@@ -104,10 +108,10 @@ class Batch:
         return follow(law, start, increments, control, law.initial_state(start, index), index)
 
 
-INTEGRATION = st.sampled_from(integrations(tolerance=1e-5, substeps=8, most=1000))
+INTEGRATION = st.sampled_from(integrations(tolerance=1e-5, substeps=8, most=150))
 
 
-@pytest.mark.parametrize("examples", amounts(5, 2600))
+@pytest.mark.parametrize("examples", amounts(4, 700))
 def test_finite_admissible_and_the_same_in_any_order(examples: int) -> None:
     """All numbers finite, z > 0, |a_c| < 2, refused points where they were; bit-equal in another order and by halves,
     and on one thread or two.
@@ -131,7 +135,7 @@ def test_finite_admissible_and_the_same_in_any_order(examples: int) -> None:
         assert np.array_equal(whole.state[1:][failed], whole.state[:-1][failed])
         if effects.contact_loss:
             assert (np.diff(whole.get("coordination_lost"), axis=0) >= -1e-12).all()
-        order = np.random.default_rng(seed).permutation(POINTS)
+        order = np.random.default_rng(seed).permutation(batch.points)
         shuffled = batch.trail(law, order)
         assert np.array_equal(shuffled.state, whole.state[:, order])
         assert np.array_equal(shuffled.stress, whole.stress[:, order])
@@ -147,13 +151,15 @@ def test_finite_admissible_and_the_same_in_any_order(examples: int) -> None:
     look()
 
 
-HONEST = {"modified_euler": 30.0, "bogacki_shampine": 30.0, "dormand_prince": 1000.0}
+HONEST = {"modified_euler": 30.0, "bogacki_shampine": 30.0}
 """Allowed error over tolerance times substeps. Each substep may add its tolerance, errors made are carried on and grow
-with the rates' slopes, exp(2) to exp(3) over a path of this length at most. The pair of fifth order looks seldom: kinks
-between its stages escape it, each with an error of its first order."""
+with the rates' slopes, exp(2) to exp(3) over a path of this length at most."""
+SELDOM = 1000.0
+"""The same where what happens between stages can escape the estimate: pairs of high order take few substeps, which
+jump over kinks; rates of the shifted distribution jump where loading ceases to be virgin."""
 
 
-@pytest.mark.parametrize("examples", amounts(4, 60))
+@pytest.mark.parametrize("examples", amounts(12, 300))
 def test_the_error_estimate_is_honest(examples: int) -> None:
     """The end of every path against that with a thousandth of the tolerance."""
 
@@ -180,7 +186,8 @@ def test_the_error_estimate_is_honest(examples: int) -> None:
         largest = float(share[both].max(initial=0.0))
         name = integration.integrator
         worst[name] = max(worst.get(name, 0.0), largest)
-        assert largest <= HONEST.get(name, 100.0), (name, largest)
+        smooth = closure.force_change == "mean_field"
+        assert largest <= (HONEST.get(name, SELDOM) if smooth else SELDOM), (name, largest)
 
     look()
     print("largest error over tolerance times substeps:", worst)
@@ -201,8 +208,8 @@ def test_tangent_against_differences(examples: int) -> None:
         if law is None:
             return
         state = law.initial_state(batch.start, batch.index)
-        increment = batch.strain_size * np.random.default_rng(seed).uniform(-0.1, 0.1, (POINTS, 3))
-        ends, tangent = (np.empty((POINTS, 3)), np.empty_like(state)), np.empty((POINTS, 3, 3))
+        increment = batch.strain_size * np.random.default_rng(seed).uniform(-0.1, 0.1, (batch.points, 3))
+        ends, tangent = (np.empty((batch.points, 3)), np.empty_like(state)), np.empty((batch.points, 3, 3))
         report = law.update(increment, batch.start, state, *ends, tangent, "propagated", batch.index)
         fine = report.status == Status.OK
         scale = np.abs(tangent).max(axis=(1, 2))
