@@ -80,12 +80,6 @@ def effect_sets() -> list[Effects]:
     return [Effects(**dict(zip(names, on, strict=True))) for on in itertools.product((True, False), repeat=len(names))]
 
 
-def loss_and_gain() -> Effects:
-    """What the source describes: effects that came later are off."""
-    on = {"contact_loss", "contact_gain", "principal_rotation", "stiffness_feedback"}
-    return Effects(**{name: name in on for name in Effects.names()})
-
-
 def make_law(
     closure: Closure | None = None,
     integration: Integration | None = None,
@@ -94,7 +88,7 @@ def make_law(
 ) -> ContactLaw | None:
     """The law, None where it is refused by name."""
     try:
-        return ContactLaw(materials or [material()], closure, effects or loss_and_gain(), integration)
+        return ContactLaw(materials or [material()], closure, effects, integration)
     except ParameterError:
         return None
 

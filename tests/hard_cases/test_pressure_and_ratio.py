@@ -6,6 +6,8 @@ for any is asked: finite, admissible, refused points stay where they are.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hard_laws import (
@@ -54,7 +56,8 @@ def accuracy(integration: Integration) -> float:
 def test_pressure_to_a_millionth(closure: Closure, integration: Integration) -> None:
     """Isotropic unloading in sixty equal factors. Everywhere the mean force falls by d = dp/p: l = -P0 d in all
     directions, so dz/z = P0 d and z = z0 (p/p0)^P0, 4.06e-3 at a millionth. The shifted distribution has
-    dX0 = (chi_p - X0) d, X0 = chi_p (1 - p0/p), and z = z0 exp(P0 X0) as long as that is a number above its floor.
+    dX0 = (chi_p - X0) d, X0 = chi_p (1 - p0/p), S = c_p |X0| and z = z0 exp(-L - L^2/2) with L = P0 (S phi(X0/S)
+    - X0 Phi(-X0/S)), as long as that is above the floor of z.
     """
     p = PRESSURE * np.logspace(0, -6, 61)[1:]
     trail = follow(
@@ -74,7 +77,10 @@ def test_pressure_to_a_millionth(closure: Closure, integration: Integration) -> 
             assert trail.status[-1, 0] == Status.STIFFNESS_LOST
         assert z[1:][reached] == pytest.approx(expected[reached], rel=accuracy(integration))
     elif closure.force_change == "shifted_distribution":
-        expected = 4.06 * np.exp(P0 * closure.weak_contact_ratio_isotropic * (1.0 - PRESSURE / p))
+        below = closure.weak_contact_ratio_isotropic * (PRESSURE / p - 1.0)
+        u = 1.0 / closure.elastic_scatter_isotropic
+        opened = P0 * below * (np.exp(-u * u / 2) / (u * np.sqrt(2 * np.pi)) + 0.5 * (1 + math.erf(u / np.sqrt(2))))
+        expected = 4.06 * np.exp(-opened - opened**2 / 2)
         least = 3.0 if closure.shear_stiffness == "isostatic" else SMALLEST_COORDINATION
         assert reached[expected > 1.01 * least].all()
         fine = reached

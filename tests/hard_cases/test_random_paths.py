@@ -234,3 +234,62 @@ def test_tangent_against_differences(examples: int) -> None:
 
     look()
     assert agreeing[0] > 0.7 * agreeing[1] > 0
+
+
+@pytest.mark.parametrize("examples", amounts(6, 100))
+def test_energy_of_closed_strain_cycles(examples: int) -> None:
+    """Work over a closed path of strain. With stored energy psi = s:C^-1:s/2 and ds = C de,
+
+        W = psi_end - psi_start - 1/2 int s:dC^-1:s,
+
+    exactly: opening contacts soften the network at fixed stress and fill its springs without work. What a cycle gives
+    back is therefore bounded by psi_start and the softening: W >= -psi_start - int psi dv, dv being the largest growth
+    of C^-1 relative to itself. A frozen stiffness gives W = 0. Sliding, where it is on, only adds work.
+    """
+    lowest = [0.0]
+
+    @search(examples)
+    @given(**LAWS)
+    def look(closure: Closure, effects: Effects, seed: int) -> None:
+        integration = Integration(tolerance=1e-7)
+        batch = Batch(closure, effects, integration, seed)
+        law = batch.law()
+        if law is None:
+            return
+        corners = np.random.default_rng(seed).uniform(-0.1, 0.1, (4, batch.points, 3)) * batch.strain_size
+        corners = np.concatenate([np.zeros((1, batch.points, 3)), corners, np.zeros((1, batch.points, 3))])
+        parts = 20 if closure.force_change == "mean_field" else 8
+        increments = np.repeat(np.diff(corners, axis=0), parts, axis=0) / parts
+        state = law.initial_state(batch.start, batch.index)
+        trail = follow(law, batch.start, increments, (0, 0, 0), state, batch.index)
+        fine = trail.status[-1] == Status.OK
+        compliance = []
+        for stress, now in zip(trail.stress, trail.state, strict=True):
+            tangent = np.empty((batch.points, 3, 3))
+            law.update(
+                np.zeros((batch.points, 3)), stress, now, stress.copy(), now.copy(), tangent, "elastic", batch.index
+            )
+            compliance.append(np.linalg.inv(np.where(fine[:, None, None], tangent, np.eye(3))))
+        soft = np.array(compliance)
+        middle = 0.5 * (trail.stress[1:] + trail.stress[:-1])
+        work = np.einsum("kni,kni->n", middle, increments)
+        psi = 0.5 * np.einsum("kni,knij,knj->kn", trail.stress, soft, trail.stress)
+        filled = 0.5 * np.einsum("kni,knij,knj->kn", middle, np.diff(soft, axis=0), middle)
+        balance = psi[-1] - psi[0] - filled.sum(axis=0)
+        # the trapezoidal rule errs by the square of the increment's relative change of stress: 0.3/20 or 0.3/8
+        allowed = (
+            2 * (0.3 / parts) ** 2 * psi.max(axis=0) * np.maximum(1.0, np.abs(np.diff(np.log(psi), axis=0)).sum(axis=0))
+        )
+        sliding = bool(getattr(effects, "sliding", False))
+        off = (work - balance)[fine]
+        assert (off >= -allowed[fine]).all()
+        assert sliding or (off <= allowed[fine]).all()
+        if not sliding and (effects.stiffness_feedback is False or not effects.network_changes):
+            assert (np.abs(work[fine]) <= allowed[fine]).all()
+        growth = np.linalg.eigvals(np.linalg.solve(soft[:-1], np.diff(soft, axis=0))).real.max(axis=2)
+        bound = psi[0] + (psi[:-1] * np.maximum(growth, 0.0)).sum(axis=0)
+        assert (work[fine] >= -bound[fine] - allowed[fine]).all()
+        lowest[0] = min(lowest[0], float((work / psi[0])[fine].min(initial=0.0)))
+
+    look()
+    print("lowest work of a closed cycle over the energy stored at its start:", lowest[0])
