@@ -49,6 +49,8 @@ from .lanes import (
     UNKNOWNS,
     WHOLE_STEP,
     WORST,
+    X1,
+    X2,
     L,
     Y,
 )
@@ -198,6 +200,9 @@ def update_points(
             counts[point, 1] += 1
             if sliding:
                 forget_crossing(w, lane)
+            if failed and not shifted:
+                # what an attempt without solution left is no start, and depends on how long other lanes took
+                w[X1 + lane], w[X2 + lane] = 0.0, 0.0
             w[STEP + lane] *= FAILED_STAGE_FACTOR if failed else step_factor(w[MEASURE + lane], error_order)
             if fixed or w[STEP + lane] < SMALLEST_SUBSTEP or counts[point, 0] + counts[point, 1] >= most:
                 status[point] = int(w[WORST + lane]) if failed else TOO_MANY_SUBSTEPS

@@ -95,7 +95,7 @@ def test_extension_to_zero_pressure(closure: Closure) -> None:
 
     To 0.999 of that p is a millionth; to 1.001 of it the point is refused with NO_PRESSURE and stays where it was.
     """
-    law = law_or_skip(closure, Integration(tolerance=1e-8))
+    law = law_or_skip(closure, Integration(tolerance=1e-8, maximum_substeps=2000))
     bulk = 4.06 * 0.846 * 1e9 / (2 * np.pi)
     volume = 2 * PRESSURE / bulk * np.array([0.999, 1.001, 1.5, 100.0])
     increments = np.repeat(np.stack([volume / 2, volume / 2, 0 * volume], axis=1)[None], 50, axis=0) / 50
