@@ -22,7 +22,18 @@ from constitutive.parameters import Closure, ParameterError
 
 from . import build
 from .cost.clock import best_of
-from .effects_choice import AUTO, FEEDBACK, MEMORY, EffectSet, all_names, asked, everything, tolerance
+from .effects_choice import (
+    AUTO,
+    FEEDBACK,
+    MEMORY,
+    SLIDING,
+    EffectSet,
+    all_names,
+    asked,
+    everything,
+    sliding_is_possible,
+    tolerance,
+)
 from .effects_numbers import Numbers, numbers, quantile
 from .effects_probe import Paths, ProbeError, field_paths
 from .effects_sample import sample
@@ -55,7 +66,7 @@ class Judged:
     largest : float
         The same at the worst of the points that were tried.
     quantity : str
-        The quantity that errs most.
+        The quantity that errs most; empty for what cannot act in this scene, or lacks its parameters.
     columns : int
         State columns that it costs.
     time_ratio : float
@@ -100,8 +111,8 @@ class Decision:
     refused_share: float = 0.0
 
     def left_out(self) -> list[Judged]:
-        """What was left to the program and is off."""
-        return [entry for entry in self.judged if entry.asked == AUTO and not entry.on]
+        """What was left to the program, could have acted, and is off."""
+        return [entry for entry in self.judged if entry.asked == AUTO and not entry.on and entry.quantity]
 
 
 class _Bench:
@@ -207,6 +218,8 @@ def _decide(
     for name in all_names():
         if full.has(name):
             alone[name] = bench.error(full, full.with_effect(name, False))
+        elif name == SLIDING and not sliding_is_possible(scene):
+            alone[name] = (0.0, 0.0, "")  # parameters nobody gave say nothing
         else:
             more = full.with_effect(name, True)
             alone[name] = bench.error(more, full) if more.has(name) else (0.0, 0.0, "")

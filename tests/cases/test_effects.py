@@ -151,11 +151,9 @@ def test_what_the_scene_says_is_kept(tmp_path):
     assert decision.chosen.effects.contact_gain and not decision.chosen.effects.contact_loss
     loss = by_name(decision)["contact_loss"]
     assert loss.asked is False and loss.error > 1e-2
-    assert [entry.name for entry in decision.left_out()] == [
-        name
-        for name in by_name(decision)
-        if not decision.chosen.has(name) and name not in ("contact_loss", "force_change")
-    ]
+    left = [entry.name for entry in decision.left_out()]
+    # sliding has no parameters here, and nothing spreads without a memory: neither was left out
+    assert "principal_rotation" in left and not {"contact_loss", "sliding", "irreversible_spread"} & set(left)
 
 
 @pytest.mark.parametrize("scene", ["p_constant", "lateral_constant", "axes_rotation", "unload_reload", "simple_shear"])
