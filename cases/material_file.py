@@ -67,7 +67,7 @@ def material_text(measured: dict[str, float], origin: str) -> str:
     tables = law_tables(measured)
     if all(name in tables.get("closure", {}) for name in CLOSURE_NUMBERS):
         # what these numbers were measured for, and what disks agree with; a scene may say otherwise
-        tables["closure"] = {"force_change": "shifted_distribution", "tangential": "frictional", **tables["closure"]}
+        tables["closure"] = {"force_change": "shifted_distribution", **tables["closure"]}
         if tables["material"].get("isostatic_coordination", math.inf) < tables["material"]["coordination"]:
             tables["closure"] = {"shear_stiffness": "isostatic", **tables["closure"]}
     return head + to_toml(tables).lstrip()
