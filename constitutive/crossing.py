@@ -151,7 +151,9 @@ def carry_across(w, control, options, numbers, rule, solver, derivatives):
     """
     if not derivatives:
         for lane in range(LANES):
-            forget_crossing(w, lane)
+            # the search of another lane goes on
+            if w[CROSSED + lane] > 0.0:
+                forget_crossing(w, lane)
         return
     network = options[LOSS] != 0 or options[GAIN] != 0
     shifted = network and options[FORCE_CHANGE] == SHIFTED_DISTRIBUTION

@@ -45,7 +45,7 @@ LAWS = {
     "seed": st.integers(0, 2**32 - 1),
 }
 WITHOUT_SLIDING = {**LAWS, "effects": st.sampled_from([each for each in effect_sets() if not each.sliding])}
-"""Where the sliding effect is known not to keep to it, see `test_known_of_sliding`."""
+"""Across a crossing of the cone the tangent is that of the rate equations, not of the discrete update."""
 
 
 def random_materials(rng: np.random.Generator, number: int) -> list[Material]:
@@ -120,7 +120,7 @@ def test_finite_admissible_and_the_same_in_any_order(examples: int) -> None:
     """
 
     @search(examples)
-    @given(integration=INTEGRATION, **WITHOUT_SLIDING)
+    @given(integration=INTEGRATION, **LAWS)
     def look(closure: Closure, effects: Effects, seed: int, integration: Integration) -> None:
         batch = Batch(closure, effects, integration, seed)
         law = batch.law()
@@ -297,9 +297,8 @@ def test_energy_of_closed_strain_cycles(examples: int) -> None:
     print("lowest work of a closed cycle over the energy stored at its start:", lowest[0])
 
 
-@pytest.mark.xfail(reason="with sliding the last bits of a point depend on its neighbours in the batch", strict=False)
-def test_known_of_sliding() -> None:
-    """Found by the search above: the same points in another order. A tangent at fixed substeps can be off there too."""
+def test_sliding_in_another_order() -> None:
+    """Crossings of the cone are searched for lane by lane; found by the search above."""
     batch = Batch(Closure(), Effects(sliding=True), Integration(integrator="forward_euler", substeps=8), 0)
     law = batch.law()
     assert law is not None
