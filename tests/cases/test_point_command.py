@@ -228,6 +228,7 @@ def test_interruption_leaves_what_was_computed(
     granfabric: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_drawn: Callable
 ) -> None:
     monkeypatch.setattr(Screen, "progress", lambda self, what, total: _interrupting(5, 1))
+    before = signal.getsignal(signal.SIGINT)
     result = granfabric("point", "p_constant", "-o", tmp_path)
     assert result.code == 1
     assert "stopping after this step" in result.out
@@ -236,7 +237,7 @@ def test_interruption_leaves_what_was_computed(
     columns = history(tmp_path)
     assert columns["step"].tolist() == [0, 1, 2, 3, 4, 5]
     assert is_drawn(tmp_path / "microvariables.png")
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_impatience_does_not_lose_the_history(
