@@ -201,7 +201,7 @@ def audit_point(loaded: LoadedScene, history: PathHistory) -> Audit:
 
 
 def _loose_law(loaded: LoadedScene) -> ContactLaw:
-    """The law of the run with looser substeps, but with all its directions: they would differ from the run's by more."""
+    """The law of the run with looser substeps, but with all its directions: fewer would differ from the run by more."""
     law = build.law(loaded, everything(loaded.scene).effects)
     numerics = loosened(law.integration, tolerance(loaded.scene), law.integration.directions)
     return ContactLaw(law.materials, law.closure, law.effects, numerics)

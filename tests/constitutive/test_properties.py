@@ -40,7 +40,7 @@ def test_objectivity(closure):
     for variable in contact_law.description.state:
         before, after = points.get(state, variable.name), turned.get(state_turned, variable.name)
         expected = before @ turn_vector.T if variable.components == 2 else before
-        # the split by the sign of the change has a kink, which the fixed directions (half of 64) resolve to their square
+        # the split by the sign of the change has a kink, which fixed directions (half of 64) resolve to their square
         kinked = closure.force_change == "shifted_distribution" and variable.name.endswith(("gained", "lost"))
         assert after == pytest.approx(expected, abs=4e-6 if kinked else 1e-12 * 10)
     expected_tangent = turn_stress @ tangent @ np.linalg.inv(turn_strain)
