@@ -75,7 +75,7 @@ class Settings:
 
     def directions_for(self, force_change: Any) -> int:
         """`integration.directions` of a closure: twice as many for one that takes half of them around the circle."""
-        return self.directions if force_change in ("mean_field", "fluctuating", None) else 2 * self.directions
+        return self.directions if force_change in ("mean_field", "fluctuating") else 2 * self.directions
 
 
 TABLE = (

@@ -26,14 +26,16 @@ def _material_section() -> type[Section]:
 def _declared_section(name: str, declaration: type, text: str, decided: tuple[str, ...] = ()) -> type[Section]:
     """Section with the fields and defaults of a frozen dataclass, which also checks the values.
 
-    Fields named in `decided` may be "auto".
+    Fields named in `decided` may be "auto", and are if nothing is said.
     """
     hints = get_type_hints(declaration)
     entries: dict[str, Any] = {}
     texts = parameter_texts(declaration)
     for entry in fields(declaration):
         default: Any = ... if entry.default is MISSING else entry.default
-        hint = hints[entry.name] | Literal["auto"] if entry.name in decided else hints[entry.name]
+        hint = hints[entry.name]
+        if entry.name in decided:
+            hint, default = hint | Literal["auto"], "auto"
         entries[entry.name] = (hint, Field(default, description=texts.get(entry.name)))
 
     def check(section: Any) -> Any:

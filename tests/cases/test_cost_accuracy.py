@@ -34,6 +34,8 @@ solid_fraction = 0.846
 normal_stiffness = 1e9
 bulk_reduction = 0.88
 shear_reduction = 0.69
+[closure]
+force_change = "mean_field"
 [mesh]
 rectangle = {{ width = 0.05, height = 0.1, nx = 2, ny = 4 }}
 element = "P2"

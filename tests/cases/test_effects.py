@@ -147,7 +147,9 @@ def test_the_tolerance_comes_from_the_scene_or_its_accuracy(tmp_path):
 
 
 def test_what_the_scene_says_is_kept(tmp_path):
-    decision = decided(tmp_path, PRESS, "effects.contact_gain=true", "effects.contact_loss=false")
+    said = ("effects.contact_gain=true", "effects.contact_loss=false", "closure.force_change=mean_field")
+    decision = decided(tmp_path, PRESS, *said)
+    assert by_name(decision)["force_change"].asked is False
     assert decision.chosen.effects.contact_gain and not decision.chosen.effects.contact_loss
     loss = by_name(decision)["contact_loss"]
     assert loss.asked is False and loss.error > 1e-2

@@ -69,12 +69,13 @@ def test_a_wrongly_forced_effect_is_named_and_upgraded(granfabric: Callable, tmp
 
 
 def test_unloading_without_memory_is_called_to_account(granfabric: Callable, tmp_path: Path) -> None:
+    source = ("--set", "effects.tolerance=0.02", "--set", "closure.force_change=mean_field")
     loading = written(tmp_path, INITIAL + PRESS)
-    assert granfabric("run", loading, "-o", tmp_path / "a", "--set", "effects.tolerance=0.02").code == 0
+    assert granfabric("run", loading, "-o", tmp_path / "a", *source).code == 0
     # the closure was the scene's choice, and the path gives no reason to doubt it
     assert not audited(tmp_path / "a")["force_change"]["warn"]
     back = written(tmp_path, INITIAL + PRESS + BACK)
-    result = granfabric("run", back, "-o", tmp_path / "b", "--set", "effects.tolerance=0.02")
+    result = granfabric("run", back, "-o", tmp_path / "b", *source)
     assert "warning: force_change is off" in result.out and audited(tmp_path / "b")["force_change"]["warn"]
     assert record(tmp_path / "b")["upgrade"] == ['closure.force_change="shifted_distribution"']
 

@@ -216,9 +216,9 @@ def test_ctrl_c_while_modules_are_imported() -> None:
 
 
 REPLAYED = [
-    {"integration": {"tolerance": 1e-9, "maximum_substeps": 45}},
+    {"integration": {"tolerance": 1e-9, "maximum_substeps": 45}, "closure": {"force_change": "mean_field"}},
     {"integration": {"maximum_substeps": 8}, "closure": {"force_change": "shifted_distribution"}},
-    {"effects": {"stiffness_feedback": False}},
+    {"effects": {"stiffness_feedback": False}, "closure": {"force_change": "mean_field"}},
     {"closure": {"force_change": "shifted_distribution", "shear_stiffness": "isostatic"}},
 ]
 
