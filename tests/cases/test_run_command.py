@@ -297,9 +297,9 @@ def test_the_shipped_biaxial_scene(granfabric: Callable, tmp_path: Path, is_draw
     result = granfabric("run", "biaxial", "-o", tmp_path)
     assert result.code == 0, result.err
     columns = history(tmp_path)
-    # As the scene tells.
+    # As the scene tells; effects that are left out change it by less than their tolerance.
     assert columns["q"][-1] / columns["p"][-1] == pytest.approx(0.270, abs=5e-4)
-    assert columns["stress_ratio_largest"][-1] == pytest.approx(0.319, abs=5e-4)
+    assert columns["stress_ratio_largest"][-1] == pytest.approx(0.318, abs=5e-4)
     for name, value in (("", 3.941), ("_smallest", 3.921), ("_largest", 4.000)):
         assert columns[f"coordination{name}"][-1] == pytest.approx(value, abs=5e-4)
     assert columns["fabric_anisotropy"][-1] == pytest.approx(0.055, abs=5e-4)

@@ -230,7 +230,9 @@ def test_a_thousand_cycles(closure: Closure, cycles: int) -> None:
         assert np.ptp(z[2:]) < trail.substeps[-1, 0] * 1e-5 * 4.06
     elif is_mean_field(closure):
         running = trail.status[:, 0] <= Status.LIMITED
-        assert (np.diff(z[running]) < 0).all() and running[:5].all()
+        # z falls in every loop, at last by less than the tolerance of a substep
+        assert (np.diff(z[running]) < 1e-5).all() and running[:5].all()
+        assert (np.diff(z[running])[:20] < 0).all()
         assert running.all() or trail.status[-1, 0] in (Status.STIFFNESS_LOST, Status.NOT_ADMISSIBLE)
 
 
