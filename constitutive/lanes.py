@@ -73,10 +73,10 @@ V1, V2, X1, X2, GAIN_FACTOR, SHARE, SOLVED = (_rows(1) for _ in range(7))
 COS, SIN, F_V1, F_V2, F_A1, F_A2, F_N = (_rows(1) for _ in range(7))
 I11, I12, I21, I22 = (_rows(1) for _ in range(4))
 
-# the distribution of weak-contact forces: the initial packing, X_0 at the start, the largest |s| so far; S_i and Y of
-# the stage, while rows of z and a_c hold what follows from them; a_n there, derivatives of X_1 and a_n
+# the distribution of weak-contact forces: the initial packing, X_0 at the start, the largest |s| so far; S_i at the end
+# of an increment, when its row holds z; a_n of the stage, derivatives of X_1 and a_n
 ORIGIN_Z, ORIGIN_A1, ORIGIN_A2, START_SHIFT, LARGEST_S = (_rows(1) for _ in range(5))
-SLOT = _rows(3)
+SLOT = _rows(1)
 CARRIED_N = _rows(2)
 SHIFT_TY = _rows(2 * COLUMNS)
 NORMAL_TY = _rows(2 * COLUMNS)

@@ -38,7 +38,6 @@ from .lanes import (
     ROTATION,
     SHIFT_TY,
     SLOPE,
-    SLOT,
     SOLVED,
     START_N1,
     START_N2,
@@ -136,7 +135,7 @@ def irreversible_spread(w, lane, spread, s1, s2, c_i):
 
 @compiled()
 def resolve_network(w, options, numbers, derivatives, cosines, sines):
-    """Put z and a_c of the stage into rows TRIAL_Z ..., and their derivatives into TRIAL_TY; keep S_i, Y in SLOT.
+    """Put z and a_c of the stage into rows TRIAL_Z ..., and their derivatives into TRIAL_TY.
 
     SOLVED becomes 2 in lanes where no X_1 is found, else 1.
     """
@@ -144,7 +143,6 @@ def resolve_network(w, options, numbers, derivatives, cosines, sines):
     for lane in range(LANES):
         w[SOLVED + lane] = 1.0
         spread, y1, y2 = w[TRIAL_Z + lane], w[TRIAL_A1 + lane], w[TRIAL_A2 + lane]
-        w[SLOT + lane], w[SLOT + L + lane], w[SLOT + 2 * L + lane] = spread, y1, y2
         p, s1, s2 = stress_invariants(w[TRIAL + lane], w[TRIAL + L + lane], w[TRIAL + 2 * L + lane])
         if not p > w[FLOOR + lane] or not math.isfinite(spread + y1 + y2):
             # the check that follows refuses the pressure; numbers that are not finite are refused here
