@@ -10,7 +10,7 @@ from .prepare import prepare
 from .scene import LoadedScene
 from .screen import Screen
 
-COMPILATION_SECONDS = 45
+COMPILATION_SECONDS = 75
 
 
 def show_effects(loaded: LoadedScene, screen: Screen) -> Decision:

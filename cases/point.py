@@ -17,7 +17,7 @@ from .replay import start_state
 from .scene import LoadedScene
 from .screen import Screen, spread
 
-COMPILATION_SECONDS = 45
+COMPILATION_SECONDS = 75
 """Rough time to compile the kernels of the point law, for the message on first use."""
 
 BYTES_PER_STEP = 1000

@@ -31,7 +31,7 @@ from .replay import write_failed_point
 from .scene import LoadedScene
 from .screen import Screen, spread
 
-COMPILATION_SECONDS = 40
+COMPILATION_SECONDS = 60
 """Rough time to compile the kernels of law and host on two cores, for the message on first use."""
 
 
