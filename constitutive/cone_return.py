@@ -33,13 +33,18 @@ from .lanes import (
     PLASTIC_RATES,
     PLASTIC_STAGE,
     PLASTIC_SUMS,
+    RATES,
     REVERSED,
+    SEED,
     SETTLED,
     SLIDES,
     SOLVING,
+    STAGE,
     STEP,
+    STEP_CHANGE,
     STRAIN_CORRECTION,
     SUMS,
+    TIME_CHANGE,
     TRIAL,
     TRIAL_KAPPA,
     TRIAL_TY,
@@ -93,6 +98,8 @@ def load_sliding(w, lane, point, state_start, par, micro_of_column, control, mix
         w[KAPPA + (1 + column) * L + lane] = 0.0
     for row in range(2):
         w[PLASTIC_SUMS + row * L + lane] = 0.0
+    for column in range(COLUMNS):
+        w[TIME_CHANGE + column * L + lane] = 0.0
     forget_crossing(w, lane)
     p, t1, t2 = deviator_of(w[Y + lane], w[Y + L + lane], w[Y + 2 * L + lane])
     distance = math.sqrt(t1 * t1 + t2 * t2) / (p + cohesion) - strength(kappa, first, peak, reference)[0]
@@ -115,6 +122,11 @@ def begin_sliding(w):
         w[REVERSED + lane] = 0.0
         for row in range(3):
             w[STRAIN_CORRECTION + row * L + lane] = 0.0
+        # a substep that begins later by so much is shorter by so much
+        for column in range(COLUMNS):
+            w[STEP_CHANGE + column * L + lane] = -w[TIME_CHANGE + column * L + lane]
+        if w[CROSSED + lane] > 0.0:
+            w[STEP_CHANGE + lane] += w[SEED + lane]
 
 
 @compiled()
@@ -128,6 +140,24 @@ def advance_plastic(w, stages, coefficients, derivatives):
                 if coefficients[m] != 0.0:
                     total += coefficients[m] * w[PLASTIC_STAGE + (m * PLASTIC_RATES + row) * L + lane]
             w[TRIAL_KAPPA + row * L + lane] = w[KAPPA + row * L + lane] + w[STEP + lane] * total
+
+
+@compiled()
+def advance_length(w, stages, coefficients):
+    """Add what a change of the substep's length does to the derivatives: rows TRIAL_TY and those after TRIAL_KAPPA."""
+    for column in range(COLUMNS):
+        for lane in range(LANES):
+            change = w[STEP_CHANGE + column * L + lane]
+            if change == 0.0:
+                continue
+            for m in range(stages):
+                weight = change * coefficients[m]
+                if weight != 0.0:
+                    for i in range(UNKNOWNS):
+                        rate = w[STAGE + (m * RATES + i) * L + lane]
+                        w[TRIAL_TY + (column * UNKNOWNS + i) * L + lane] += weight * rate
+                    rate = w[PLASTIC_STAGE + m * PLASTIC_RATES * L + lane]
+                    w[TRIAL_KAPPA + (1 + column) * L + lane] += weight * rate
 
 
 @compiled()
@@ -150,10 +180,10 @@ def begin_plastic_stage(w, stage):
 
 
 @compiled()
-def improve_plastic_stage(w, stage, diagonal, tolerance, derivatives):
+def improve_plastic_stage(w, stage, diagonal, tolerance, rounding, derivatives):
     """One pass over the rates of kappa of an implicit stage; takes SETTLED back in lanes where they still change.
 
-    As for the other unknowns: kappa is measured by kappa + gamma_r, its derivatives by themselves.
+    As for the other unknowns: kappa is measured by kappa + gamma_r, its derivatives by themselves, `rounding` at least.
     """
     for lane in range(LANES):
         if w[SOLVING + lane] == 0.0:
@@ -168,7 +198,7 @@ def improve_plastic_stage(w, stage, diagonal, tolerance, derivatives):
                 new = w[KAPPA_RATE + column * L + lane]
                 square += new * new
                 change += (new - w[kept + column * L]) ** 2
-            settled = settled and change <= tolerance * tolerance * square
+            settled = settled and change <= max(tolerance, rounding) ** 2 * square
         for row in range(PLASTIC_RATES):
             w[kept + row * L] = w[KAPPA_RATE + row * L + lane]
         if not settled:

@@ -4,57 +4,50 @@ The rates jump there, so a substep must end there: error control alone would onl
 not slide and ends outside the cone is taken back, and its length found by a bracketed secant (the first guess from the
 straight line between the ends of the stress).
 
-The derivatives jump as well: a change of the strain increment moves the pseudo-time t* of the crossing. With
-f = q - M (p + c) and the rates F- and F+ before and after, the derivative T of the unknowns becomes
+A change of the strain increment moves the pseudo-time t* of the crossing. Let Y(h) be the end of the substep as a
+function of its length and f = q - M (p + c). The derivatives T of the end, at fixed length, become
 
-    T+ = T- + (F- - F+) dt*,      dt* = -(grad f . T-)/(grad f . F-)
+    T + Y' dt*,      dt* = -(grad f . T)/(grad f . Y'),
+
+and the substep that follows, which ends where it would have ended anyway, is shorter by dt*. This differentiates the
+discrete update itself, for any scheme; as substeps shrink the two parts together tend to the jump (F- - F+) dt* of the
+rate equations. Y' comes from the substep done a second time with a change of its length in the first column of the
+derivatives; they are linear in it.
 """
 
 import math
 
 from .compilation import compiled
-from .cone_return import forget_crossing
 from .lanes import (
     COHESION,
     COLUMNS,
     CROSSED,
-    DECIDES,
-    FORCE_CHANGE,
-    GAIN,
     GAMMA_R,
+    GIVEN,
     HIGH,
     HIGH_F,
     KAPPA,
-    KAPPA_RATE,
-    KEPT_X,
-    LANES,
-    LOSS,
+    KEPT_COLUMN,
     LOW,
     LOW_F,
     M_FIRST,
     M_PEAK,
     ON_CONE,
-    RATE,
-    RATE_BEFORE,
     REVERSED,
-    SHIFTED_DISTRIBUTION,
+    SEED,
     SIDE,
     SLIDES,
     STEP,
+    TIME_CHANGE,
     TRIAL,
-    TRIAL_KAPPA,
+    TRIAL_TY,
     TRIES,
-    TY,
     UNKNOWNS,
     WHOLE_STEP,
-    X1,
-    X2,
     L,
     Y,
 )
 from .sliding import CONE_TOLERANCE, deviator_of, strength
-from .stage import stage
-from .weak_force_stage import turn_spread
 
 ACCEPTED, TAKEN_BACK = 0, 1
 _MOST_TRIES = 80
@@ -88,20 +81,34 @@ def _along_the_chord(w, lane):
 
 
 @compiled()
-def judge_substep(w, lane):
-    """ACCEPTED, or TAKEN_BACK with another length of the substep in STEP; whose error is tolerable."""
+def _end_as_planned(w, lane):
+    """The substep ends at a pseudo-time that does not depend on the strain increment."""
+    for column in range(COLUMNS):
+        w[TIME_CHANGE + column * L + lane] = 0.0
+
+
+@compiled()
+def judge_substep(w, lane, differentiate):
+    """ACCEPTED, or TAKEN_BACK with another length of the substep in STEP; whose error is tolerable.
+
+    `differentiate` says whether derivatives are wanted and the increment does not end here.
+    """
     step = w[STEP + lane]
     if w[SLIDES + lane] > 0.0:
         if w[REVERSED + lane] > 0.0 and step > _REVERSAL_STEP:
             w[STEP + lane] = 0.5 * step
             return TAKEN_BACK
         w[ON_CONE + lane] = 1.0
+        _end_as_planned(w, lane)
         return ACCEPTED
+    if w[CROSSED + lane] > 0.0:
+        return _found(w, lane, differentiate)
     distance, pc = _distance(w, lane, TRIAL)
     tolerance = CONE_TOLERANCE * pc
     searching = w[HIGH + lane] > 0.0
     if distance <= tolerance and not searching:
         w[ON_CONE + lane] = 1.0 if distance >= -tolerance else 0.0
+        _end_as_planned(w, lane)
         return ACCEPTED
     if distance > tolerance and not searching:
         w[WHOLE_STEP + lane], w[LOW + lane] = step, 0.0
@@ -117,8 +124,7 @@ def judge_substep(w, lane):
     w[TRIES + lane] += 1.0
     width = w[HIGH + lane] - w[LOW + lane]
     if abs(distance) <= tolerance or w[TRIES + lane] > _MOST_TRIES or width <= 1e-15 * w[HIGH + lane]:
-        w[ON_CONE + lane], w[CROSSED + lane] = 1.0, 1.0
-        return ACCEPTED
+        return _found(w, lane, differentiate)
     # the end of the bracket that stays counts half from the second time on, so that it moves as well
     if distance > 0.0:
         w[LOW_F + lane] *= 0.5 if w[SIDE + lane] > 0.0 else 1.0
@@ -135,60 +141,42 @@ def judge_substep(w, lane):
 
 
 @compiled()
-def any_crossed(w):
-    """Whether a lane has just reached the cone."""
-    crossed = 0.0
-    for lane in range(LANES):
-        crossed = max(crossed, w[CROSSED + lane])
-    return crossed > 0.0
+def _found(w, lane, differentiate):
+    """The substep ends on the cone: accepted, or to be done once more for the derivative by its length."""
+    if not differentiate:
+        w[ON_CONE + lane], w[CROSSED + lane] = 1.0, 1.0
+        return ACCEPTED
+    if w[CROSSED + lane] == 0.0:
+        for i in range(UNKNOWNS):
+            w[KEPT_COLUMN + i * L + lane] = w[TRIAL_TY + i * L + lane]
+        # so that both summands of the column are of one size
+        most = max(abs(w[GIVEN + lane]), abs(w[GIVEN + L + lane]), abs(w[GIVEN + 2 * L + lane]))
+        w[CROSSED + lane], w[SEED + lane] = 1.0, 1.0 / most
+        return TAKEN_BACK
+    w[ON_CONE + lane] = 1.0
+    _move_with_the_crossing(w, lane)
+    return ACCEPTED
 
 
 @compiled()
-def carry_across(w, control, options, numbers, rule, solver, derivatives):
-    """Add the jump to the derivatives, if there are any, of lanes that have just reached the cone; strain control.
-
-    Other lanes are left as they are.
-    """
-    if not derivatives:
-        for lane in range(LANES):
-            # the search of another lane goes on
-            if w[CROSSED + lane] > 0.0:
-                forget_crossing(w, lane)
-        return
-    network = options[LOSS] != 0 or options[GAIN] != 0
-    shifted = network and options[FORCE_CHANGE] == SHIFTED_DISTRIBUTION
-    for lane in range(LANES):
-        w[KEPT_X + lane], w[KEPT_X + L + lane] = w[X1 + lane], w[X2 + lane]
-    for after in range(2):
-        for index in range(UNKNOWNS * L):
-            w[TRIAL + index] = w[Y + index]
-        for lane in range(LANES):
-            w[TRIAL_KAPPA + lane] = w[KAPPA + lane]
-            w[DECIDES + lane] = 0.0
-            w[SLIDES + lane] = 1.0 if after == 1 and w[CROSSED + lane] > 0.0 else 0.0
-        stage(w, control, False, options, numbers, False, rule, solver)
-        if after == 0:
-            for index in range(UNKNOWNS * L):
-                w[RATE_BEFORE + index] = w[RATE + index]
-    for lane in range(LANES):
-        w[X1 + lane], w[X2 + lane] = w[KEPT_X + lane], w[KEPT_X + L + lane]
-        if w[CROSSED + lane] == 0.0:
-            continue
-        forget_crossing(w, lane)
-        _, t1, t2 = deviator_of(w[Y + lane], w[Y + L + lane], w[Y + 2 * L + lane])
-        q = math.sqrt(t1 * t1 + t2 * t2)
-        m = strength(w[KAPPA + lane], w[M_FIRST + lane], w[M_PEAK + lane], w[GAMMA_R + lane])[0]
-        dp, d1, d2 = deviator_of(
-            w[RATE_BEFORE + lane], w[RATE_BEFORE + L + lane], w[RATE_BEFORE + 2 * L + lane]
-        )
-        speed = (t1 * d1 + t2 * d2) / q - m * dp if q > 0.0 else 0.0
-        if speed > 0.0:
-            for column in range(COLUMNS):
-                row = TY + column * UNKNOWNS * L + lane
-                dp, d1, d2 = deviator_of(w[row], w[row + L], w[row + 2 * L])
-                delay = -((t1 * d1 + t2 * d2) / q - m * dp) / speed
-                for i in range(UNKNOWNS):
-                    w[row + i * L] += (w[RATE_BEFORE + i * L + lane] - w[RATE + i * L + lane]) * delay
-                w[KAPPA + (1 + column) * L + lane] -= w[KAPPA_RATE + lane] * delay
-            if shifted:
-                turn_spread(w, lane, options, numbers)
+def _move_with_the_crossing(w, lane):
+    """Take the change of the crossing's pseudo-time into the derivatives of the end and into TIME_CHANGE."""
+    _, t1, t2 = deviator_of(w[TRIAL + lane], w[TRIAL + L + lane], w[TRIAL + 2 * L + lane])
+    q = math.sqrt(t1 * t1 + t2 * t2)
+    m, by_kappa, _ = strength(w[KAPPA + lane], w[M_FIRST + lane], w[M_PEAK + lane], w[GAMMA_R + lane])
+    pc = -0.5 * (w[TRIAL + lane] + w[TRIAL + L + lane]) + w[COHESION + lane]
+    n1, n2 = (t1 / q, t2 / q) if q > 0.0 else (0.0, 0.0)
+    # the first column leaves by the seed, and what it leaves with is Y' times the seed
+    for i in range(UNKNOWNS):
+        moved, kept = TRIAL_TY + i * L + lane, KEPT_COLUMN + i * L + lane
+        w[moved], w[kept] = w[kept], (w[moved] - w[kept]) / w[SEED + lane]
+    dp, d1, d2 = deviator_of(w[KEPT_COLUMN + lane], w[KEPT_COLUMN + L + lane], w[KEPT_COLUMN + 2 * L + lane])
+    speed = n1 * d1 + n2 * d2 - m * dp
+    for column in range(COLUMNS):
+        row = TRIAL_TY + column * UNKNOWNS * L + lane
+        dp, d1, d2 = deviator_of(w[row], w[row + L], w[row + 2 * L])
+        outwards = n1 * d1 + n2 * d2 - m * dp - by_kappa * pc * w[KAPPA + (1 + column) * L + lane]
+        delay = -outwards / speed if speed > 0.0 else 0.0
+        for i in range(UNKNOWNS):
+            w[row + i * L] += w[KEPT_COLUMN + i * L + lane] * delay
+        w[TIME_CHANGE + column * L + lane] = delay

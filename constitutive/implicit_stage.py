@@ -55,6 +55,8 @@ SHARE_OF_TOLERANCE = 0.01
 """What the stage equations may be wrong by, in units of the tolerance of a substep."""
 ROUNDING = 1e-14
 """The same with fixed substeps, which have no tolerance; nothing below is worth another pass."""
+ROUNDING_OF_DERIVATIVES = 1e-12
+"""Their sums cancel more: an iteration may hover above `ROUNDING` without end."""
 
 _LIMITED = float(Status.LIMITED)
 _NOT_CONVERGED = float(Status.NOT_CONVERGED)
@@ -143,15 +145,18 @@ def improve_stage(w, number, diagonal, tolerance, passes, derivatives, sliding):
         w[EVALUATIONS + lane] += w[SOLVING + lane]
         w[SETTLED + lane] = w[SOLVING + lane]
     if sliding:
-        improve_plastic_stage(w, number, diagonal, tolerance, derivatives)
+        improve_plastic_stage(w, number, diagonal, tolerance, ROUNDING_OF_DERIVATIVES, derivatives)
     for block in range(1 + COLUMNS if derivatives else 1):
         offset = block * UNKNOWNS * L
         _measure(w, iterate, offset)
         for lane in range(LANES):
             size = math.sqrt(w[BLOCK_SIZE + lane])
             # derivatives are wanted relative to themselves, unknowns relative to what a substep may err by
-            limit = size if block > 0 else 1.0 / (diagonal * w[STEP + lane]) + size
-            good = math.sqrt(w[BLOCK_RESIDUAL + lane]) <= tolerance * limit
+            if block > 0:
+                limit = max(tolerance, ROUNDING_OF_DERIVATIVES) * size
+            else:
+                limit = tolerance * (1.0 / (diagonal * w[STEP + lane]) + size)
+            good = math.sqrt(w[BLOCK_RESIDUAL + lane]) <= limit
             w[SETTLED + lane] = w[SETTLED + lane] if good else 0.0
         _mix(w, iterate, offset, passes == 1)
     done = True

@@ -21,7 +21,7 @@ from .cone_return import (
     plastic_tangent,
 )
 from .contract import Status
-from .crossing import TAKEN_BACK, any_crossed, carry_across, judge_substep
+from .crossing import TAKEN_BACK, judge_substep
 from .end_values import finish_point, finish_weak_forces, network_at_end
 from .implicit_stage import ROUNDING, SHARE_OF_TOLERANCE
 from .lanes import (
@@ -177,7 +177,7 @@ def update_points(
         if active == 0:
             break
         attempt_substep(w, lane_control, mixed, options, numbers, derivatives, tableau, stage_tolerance, rule, solver)
-        estimate_error(w, error, tolerance, shifted, mixed and not sliding)
+        estimate_error(w, error, tolerance, shifted, mixed, sliding)
         if sliding:
             estimate_plastic_error(w, error, tolerance)
         for lane in range(LANES):
@@ -188,7 +188,7 @@ def update_points(
             counts[point, 2] += int(w[EVALUATIONS + lane])
             failed = w[WORST + lane] > LIMITED
             if not failed and (fixed or w[MEASURE + lane] <= 1.0):
-                if sliding and judge_substep(w, lane) == TAKEN_BACK:
+                if sliding and judge_substep(w, lane, derivatives and not last[lane]) == TAKEN_BACK:
                     counts[point, 1] += 1
                     if counts[point, 0] + counts[point, 1] >= most:
                         status[point] = TOO_MANY_SUBSTEPS
@@ -221,12 +221,15 @@ def update_points(
                 w[SLOT_SCALE + lane] = 1.0 if shifted else w[Y + 3 * L + lane]
                 if shifted:
                     raise_spread(w, lane, options, numbers, derivatives)
+                crossed = sliding and w[CROSSED + lane] > 0.0
+                if crossed:
+                    forget_crossing(w, lane)
                 if not last[lane]:
                     if counts[point, 0] + counts[point, 1] >= most:
                         status[point] = TOO_MANY_SUBSTEPS
                     elif sliding and fixed:
                         w[STEP + lane] = (math.floor(time[lane] * planned + 1e-9) + 1.0) / planned - time[lane]
-                    elif sliding and w[CROSSED + lane] > 0.0:
+                    elif crossed:
                         w[STEP + lane] = max(w[WHOLE_STEP + lane] - w[STEP + lane], SMALLEST_SUBSTEP)
                     elif not fixed:
                         w[STEP + lane] *= step_factor(w[MEASURE + lane], error_order)
@@ -286,8 +289,6 @@ def update_points(
             point_of[lane] = -1
             if following >= end:
                 load_idle(w, lane)
-        if sliding and any_crossed(w):
-            carry_across(w, lane_control, options, numbers, rule, solver, derivatives)
 
 
 @compiled()

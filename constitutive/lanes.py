@@ -143,8 +143,10 @@ multiplier has changed sign in it; it ended at the cone."""
 LOW, LOW_F, HIGH, HIGH_F, SIDE, WHOLE_STEP, TRIES = (_rows(1) for _ in range(7))
 """Bracket of the pseudo-time at which the cone is reached."""
 STRAIN_CORRECTION = _rows(3)
-RATE_BEFORE = _rows(UNKNOWNS)
-KEPT_X = _rows(2)
+TIME_CHANGE, STEP_CHANGE = _rows(COLUMNS), _rows(COLUMNS)
+"""Derivatives by the strain increment of the pseudo-time at which the substep starts, and of its length."""
+SEED = _rows(1)
+KEPT_COLUMN = _rows(UNKNOWNS)
 
 SIZE = next(_next) * LANES
 """Length of a workspace."""

@@ -139,9 +139,7 @@ class ContactLaw:
     @cached_property
     def description(self) -> LawDescription:
         """The law as data."""
-        return LawDescription(
-            "contact_gain_loss", self._variables, Material.variables(), self.effects.linear_response
-        )
+        return LawDescription("contact_gain_loss", self._variables, Material.variables(), self.effects.linear_response)
 
     def initial_state(
         self,

@@ -3,7 +3,14 @@
 import math
 
 from .compilation import compiled
-from .cone_return import advance_plastic, begin_plastic_stage, begin_sliding, keep_plastic, return_to_cone
+from .cone_return import (
+    advance_length,
+    advance_plastic,
+    begin_plastic_stage,
+    begin_sliding,
+    keep_plastic,
+    return_to_cone,
+)
 from .contract import Status
 from .implicit_stage import begin_stage, improve_stage
 from .lanes import (
@@ -14,12 +21,15 @@ from .lanes import (
     EXTRAS,
     FLOOR,
     GAINED,
+    GAMMA_R,
+    KAPPA,
     KERNEL_OPTIONS,
     LANES,
     MEASURE,
     OUTCOME,
     RATE,
     RATES,
+    SLIDES,
     SLIDING,
     SLOT_SCALE,
     STAGE,
@@ -72,6 +82,8 @@ def attempt_substep(w, control, mixed, options, numbers, derivatives, tableau, s
         _advance(w, ADVANCED if with_derivatives else UNKNOWNS, i + 1, a[i])
         if sliding:
             advance_plastic(w, i + 1, a[i], with_derivatives)
+            if with_derivatives:
+                advance_length(w, i + 1, a[i])
         stage(w, control, mixed, options, numbers, with_derivatives, rule, solver)
         if implicit:
             passes += 1
@@ -89,6 +101,8 @@ def attempt_substep(w, control, mixed, options, numbers, derivatives, tableau, s
     _advance(w, ADVANCED if derivatives else UNKNOWNS, stages, b)
     if sliding:
         advance_plastic(w, stages, b, derivatives)
+        if derivatives:
+            advance_length(w, stages, b)
         return_to_cone(w, control, mixed, solver, derivatives)
 
 
@@ -120,10 +134,11 @@ def _larger(measure, error, step, scale):
 
 
 @compiled(**KERNEL_OPTIONS)
-def estimate_error(w, error, tolerance, shifted, mixed):
+def estimate_error(w, error, tolerance, shifted, mixed, sliding):
     """Error of the substep in units of the tolerance (stress relative to p, z relative, a_c absolute); end state.
 
     Where stress is given (`mixed`), the strain is what is asked for: its error counts as the stress that belongs to it.
+    In a substep that slides it may be as large as what the error of the hardening strain is allowed to cause.
     """
     for index in range(UNKNOWNS * L):
         w[ERROR + index] = 0.0
@@ -145,6 +160,8 @@ def estimate_error(w, error, tolerance, shifted, mixed):
                 xx, yy, xy = xx + error[m] * w[row], yy + error[m] * w[row + L], xy + error[m] * w[row + 2 * L]
             k, g, b = w[STIFF_K + lane], w[STIFF_G + lane], w[STIFF_B + lane]
             xx, yy, xy = stress_rate(k, g, b, w[STIFF_A1 + lane], w[STIFF_A2 + lane], xx, yy, xy)
+            if sliding and w[SLIDES + lane] > 0.0:
+                p += 2.0 * tolerance * k * (w[GAMMA_R + lane] + w[KAPPA + lane])
             measure = _larger(measure, xx, h, p)
             measure = _larger(measure, yy, h, p)
             measure = _larger(measure, xy, h, p)

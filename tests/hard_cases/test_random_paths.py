@@ -44,8 +44,6 @@ LAWS = {
     "effects": st.sampled_from(effect_sets()),
     "seed": st.integers(0, 2**32 - 1),
 }
-WITHOUT_SLIDING = {**LAWS, "effects": st.sampled_from([each for each in effect_sets() if not each.sliding])}
-"""Across a crossing of the cone the tangent is that of the rate equations, not of the discrete update."""
 
 
 def random_materials(rng: np.random.Generator, number: int) -> list[Material]:
@@ -203,7 +201,7 @@ def test_tangent_against_differences(examples: int) -> None:
     agreeing = [0, 0]
 
     @search(examples)
-    @given(integration=INTEGRATION, **WITHOUT_SLIDING)
+    @given(integration=INTEGRATION, **LAWS)
     def look(closure: Closure, effects: Effects, seed: int, integration: Integration) -> None:
         batch = Batch(closure, effects, integration, seed, size=0.1)
         law = batch.law(substeps=3)
