@@ -25,9 +25,7 @@ def law(effects=None, closure=None, materials=None, **integration):
 
 CLOSURES = [
     Closure(tangential=tangential, distribution=distribution)
-    for tangential, distribution in itertools.product(
-        ("neglected", "self_consistent"), ("harmonic", "maximum_entropy")
-    )
+    for tangential, distribution in itertools.product(("neglected", "self_consistent"), ("harmonic", "maximum_entropy"))
 ]
 """Closures in the form of rates."""
 

@@ -79,9 +79,7 @@ def test_rates_are_homogeneous_of_degree_one():
 def test_bookkeeping_and_bounds(path, closure, p0, gap):
     """Before + gained - lost = after, to rounding of sums over all substeps; state admissible; nothing not finite."""
     packing = material(force_density_at_zero=p0, gap_density_at_zero=gap)
-    legs = [
-        Leg(target=(PRESSURE * (-1 + a), PRESSURE * (-1 + b), PRESSURE * c), increments=3) for a, b, c in path
-    ]
+    legs = [Leg(target=(PRESSURE * (-1 + a), PRESSURE * (-1 + b), PRESSURE * c), increments=3) for a, b, c in path]
     contact_law = law(closure=closure, materials=[packing])
     history = drive(contact_law, (-PRESSURE, -PRESSURE, 0.0), legs)
     columns = history.columns

@@ -157,9 +157,7 @@ def test_flow_follows_the_stress_when_strain_turns():
 @pytest.mark.parametrize("first", [0.0, FIRST])
 def test_strain_control_follows_stress_control(first, closure):
     """The strain of a stress path, given back, leads to the stress and state again. Errors of few tolerances each."""
-    contact_law = sliding_law(
-        closure=closure, material_changes={"first_yield_stress_ratio": first}, tolerance=1e-8
-    )
+    contact_law = sliding_law(closure=closure, material_changes={"first_yield_stress_ratio": first}, tolerance=1e-8)
     points = Points(contact_law, (-1.1e5, -0.9e5, 0.5e4))
     increments = [(-1e4, 1e4, 0.0), (5e3, -5e3, 5e3), (2e3, 8e3, -8e3)]
     driven, stress, state = points, points.stress, points.state

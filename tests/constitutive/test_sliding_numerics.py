@@ -147,6 +147,7 @@ ORDERS = {"forward_euler": 1, "modified_euler": 2, "bogacki_shampine": 3, "dorma
 @pytest.mark.parametrize("integrator", TABLEAUS)
 def test_orders(integrator, first):
     """The crossing does not spoil the order: a substep ends there."""
+
     def end(name, substeps):
         points = Points(sliding_law(material_changes=packing(first), integrator=name, substeps=substeps), STRESS)
         stress, state, _, report = points.update(INCREMENT)

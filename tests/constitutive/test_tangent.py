@@ -19,9 +19,7 @@ def remainder_slopes(contact_law):
     assert report.failed == 0
     sizes = 0.3 * 0.5 ** np.arange(9)
     change = np.einsum("pij,pj->pi", tangent, DIRECTION)
-    remainders = [
-        np.abs(points.update(INCREMENT + t * DIRECTION)[0] - stress - t * change).max(axis=1) for t in sizes
-    ]
+    remainders = [np.abs(points.update(INCREMENT + t * DIRECTION)[0] - stress - t * change).max(axis=1) for t in sizes]
     return np.array(remainders), sizes
 
 

@@ -97,9 +97,7 @@ def test_newton_is_quadratic_across_the_cone():
     space = Space(rectangle(1.0, 2.0, 6, 12), "P2")
     loads = [Fixed("bottom"), Fixed("top"), Pressure("left", PRESSURE), Pressure("right", PRESSURE)]
     stages = [Stage("initial", loads), Stage("compression", [Displacement("top", "y", -1.2e-4)], 1)]
-    records, summary = run(
-        space, law, stages, StepControl(tolerance=1e-10, forcing=1e-13), initial_stress=ISOTROPIC
-    )
+    records, summary = run(space, law, stages, StepControl(tolerance=1e-10, forcing=1e-13), initial_stress=ISOTROPIC)
     assert summary.finished, summary.message
     gamma = records[-1].state[:, law.description.columns("plastic_shear_strain")]
     assert (gamma > 0.0).any() and (gamma == 0.0).any()

@@ -6,6 +6,8 @@ Some hundred paths in the default run, 100,000 and more with ``-m long``.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numba
 import numpy as np
 import pytest
@@ -23,6 +25,18 @@ POINTS = {"mean_field": 200}
 """Points of a batch by the force change of the closure; where a substep takes much longer, fewer."""
 FEWER = 24
 MATERIALS = 10
+
+
+PATHS = {"followed": 0}
+"""How many paths the tests of this module have followed in this process."""
+
+
+@pytest.fixture(autouse=True)
+def paths_followed() -> Iterator[None]:
+    """Say after each test how many there were."""
+    before = PATHS["followed"]
+    yield
+    print("paths followed:", PATHS["followed"] - before)
 
 
 def amounts(few: int, most: int) -> list:
@@ -102,6 +116,7 @@ class Batch:
         return make_law(self.closure, Integration(**{**values, **changes}), self.effects, self.materials)  # type: ignore[arg-type]
 
     def trail(self, law: ContactLaw, points: np.ndarray | slice = slice(None)) -> Trail:
+        """Follow some of the points, all by default."""
         index = np.ascontiguousarray(self.index[points])
         start = np.ascontiguousarray(self.start[points])
         increments, control = self.increments[:, points], self.control[points]
@@ -111,7 +126,7 @@ class Batch:
 INTEGRATION = st.sampled_from(integrations(tolerance=1e-5, substeps=8, most=150))
 
 
-@pytest.mark.parametrize("examples", amounts(4, 700))
+@pytest.mark.parametrize("examples", amounts(4, 2000))
 def test_finite_admissible_and_the_same_in_any_order(examples: int) -> None:
     """All numbers finite, z > 0, |a_c| < 2, refused points where they were; bit-equal in another order and by halves,
     and on one thread or two.
@@ -124,6 +139,7 @@ def test_finite_admissible_and_the_same_in_any_order(examples: int) -> None:
         law = batch.law()
         if law is None:
             return
+        PATHS["followed"] += batch.points
         whole = batch.trail(law)
         # a start of a material that the fabric or the isostatic number excludes is refused from the beginning
         assert np.isfinite(whole.state).all() and np.isfinite(whole.stress).all() and np.isfinite(whole.strain).all()
@@ -159,7 +175,7 @@ SELDOM = 1000.0
 jump over kinks; rates of the shifted distribution jump where loading ceases to be virgin."""
 
 
-@pytest.mark.parametrize("examples", amounts(12, 300))
+@pytest.mark.parametrize("examples", amounts(12, 600))
 def test_the_error_estimate_is_honest(examples: int) -> None:
     """The end of every path against that with a thousandth of the tolerance."""
 
@@ -174,6 +190,7 @@ def test_the_error_estimate_is_honest(examples: int) -> None:
         law, fine = batch.law(), batch.law(tolerance=1e-8, integrator="bogacki_shampine", maximum_substeps=100_000)
         if law is None or fine is None:
             return
+        PATHS["followed"] += batch.points
         trail, exact = batch.trail(law), batch.trail(fine)
         both = (trail.status[-1] == Status.OK) & (exact.status[-1] == Status.OK)
         # close to the end of the pressure everything that is relative to it grows without bound
@@ -193,7 +210,7 @@ def test_the_error_estimate_is_honest(examples: int) -> None:
     print("largest error over tolerance times substeps:", worst)
 
 
-@pytest.mark.parametrize("examples", amounts(5, 300))
+@pytest.mark.parametrize("examples", amounts(5, 3000))
 def test_tangent_against_differences(examples: int) -> None:
     """Central differences of the same discrete update, at fixed substeps, over h and 2 h. Where these two agree to 1e-6
     of the stiffness there is no kink between, and the tangent is theirs to ten times that; and that is so for most.
@@ -207,6 +224,7 @@ def test_tangent_against_differences(examples: int) -> None:
         law = batch.law(substeps=3)
         if law is None:
             return
+        PATHS["followed"] += batch.points
         state = law.initial_state(batch.start, batch.index)
         increment = batch.strain_size * np.random.default_rng(seed).uniform(-0.1, 0.1, (batch.points, 3))
         ends, tangent = (np.empty((batch.points, 3)), np.empty_like(state)), np.empty((batch.points, 3, 3))
@@ -236,7 +254,7 @@ def test_tangent_against_differences(examples: int) -> None:
     assert agreeing[0] > 0.7 * agreeing[1] > 0
 
 
-@pytest.mark.parametrize("examples", amounts(6, 100))
+@pytest.mark.parametrize("examples", amounts(6, 500))
 def test_energy_of_closed_strain_cycles(examples: int) -> None:
     """Work over a closed path of strain. With stored energy psi = s:C^-1:s/2 and ds = C de,
 
@@ -256,6 +274,7 @@ def test_energy_of_closed_strain_cycles(examples: int) -> None:
         law = batch.law()
         if law is None:
             return
+        PATHS["followed"] += batch.points
         corners = np.random.default_rng(seed).uniform(-0.1, 0.1, (4, batch.points, 3)) * batch.strain_size
         corners = np.concatenate([np.zeros((1, batch.points, 3)), corners, np.zeros((1, batch.points, 3))])
         parts = 20 if closure.force_change == "mean_field" else 8
