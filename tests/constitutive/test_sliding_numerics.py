@@ -70,9 +70,8 @@ def test_tangent_of_every_integrator(first, substeps, integrator):
     assert np.log2(over_size[:-1] / over_size[1:])[falling][2:].min() > 0.9
 
 
-def test_tangent_where_sliding_begins_twice_in_an_increment():
-    """Slide, unload and slide again is no path of constant strain rate; a start inside, on a cone that has hardened, is:
-    the derivative of the hardening strain then counts at the crossing."""
+def test_tangent_where_a_hardened_cone_is_reached_again():
+    """A start inside, on a cone that has hardened: the crossing is where it was left."""
     contact_law = sliding_law(material_changes=packing(CROSSING), integrator="forward_euler", substeps=3)
     points = Points(contact_law, STRESS)
     stress, state, _, _ = points.update(INCREMENT)
