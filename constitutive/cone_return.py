@@ -106,12 +106,31 @@ def load_sliding(w, lane, point, state_start, par, micro_of_column, control, mix
     w[ON_CONE + lane] = 1.0 if distance >= -CONE_TOLERANCE else 0.0
     if not distance <= LOAD_TOLERANCE:
         return int(_BEYOND_PEAK)
-    if mixed and control[0] == 1 and control[1] == 1 and control[2] == 1:
-        dp, d1, d2 = deviator_of(w[GIVEN + lane], w[GIVEN + L + lane], w[GIVEN + 2 * L + lane])
-        # where p itself ends below zero, that is what will be reported
-        if p + dp > 0.0 and math.hypot(t1 + d1, t2 + d2) >= peak * (p + dp + cohesion):
-            return int(_BEYOND_PEAK)
+    if mixed and _no_stress_within_the_peak(w, lane, control, peak, cohesion):
+        return int(_BEYOND_PEAK)
     return 0
+
+
+@compiled()
+def _no_stress_within_the_peak(w, lane, control, peak, cohesion):
+    """Whether the given components of the end stress are outside the cone at its peak, whatever the others are.
+
+    With x, y the normal stresses plus cohesion, compression positive, and s the shear stress, the cone at its peak is
+    ((x - y)/2)^2 + s^2 < M^2 ((x + y)/2)^2, x + y > 0. If y is free, the best one is x (1 + M^2)/(1 - M^2) and leaves
+    s^2 (1 - M^2) < M^2 x^2; if s is free, the best one is zero. Towards such an end strain grows without bound.
+    """
+    x = -w[Y + lane] - w[GIVEN + lane] + cohesion
+    y = -w[Y + L + lane] - w[GIVEN + L + lane] + cohesion
+    s = w[Y + 2 * L + lane] + w[GIVEN + 2 * L + lane]
+    has_x, has_y, has_s = control[0] == 1, control[1] == 1, control[2] == 1
+    if has_x and has_y:
+        # where p itself ends below zero, that is what will be reported
+        end = 0.5 * (x + y)
+        return end > cohesion and math.hypot(0.5 * (x - y), s if has_s else 0.0) >= peak * end
+    if not (has_x or has_y):
+        return False
+    known = x if has_x else y
+    return known <= 0.0 or (has_s and s * s * (1.0 - peak * peak) >= peak * peak * known * known)
 
 
 @compiled()

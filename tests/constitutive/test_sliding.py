@@ -207,6 +207,51 @@ def test_stress_beyond_the_peak_is_refused():
     assert points.mixed((0, 0, 1), (-1e-2, 1e-2, 0.0))[3].failed == 0
 
 
+@pytest.mark.parametrize("control", [(1, 0, 1), (0, 1, 1), (1, 1, 0), (1, 0, 0), (0, 1, 0)])
+def test_some_stresses_given_beyond_the_peak_are_refused_at_once(control):
+    """Whatever the components that are free become. Just within the bound there is an answer."""
+    points = Points(sliding_law(), ISOTROPIC)
+    sine, tangent = PEAK, PEAK / np.sqrt(1 - PEAK**2)
+    # end values: shear beside one normal stress; the other normal stress; no pressure at all
+    beyond = {
+        (1, 0, 1): (0.0, 0.0, tangent * PRESSURE),
+        (0, 1, 1): (0.0, 0.0, -tangent * PRESSURE),
+        (1, 1, 0): (PRESSURE * 2 * sine / (1 + sine), 0.0, 0.0),
+        (1, 0, 0): (PRESSURE, 0.0, 0.0),
+        (0, 1, 0): (0.0, PRESSURE, 0.0),
+    }[control]
+    given = np.where(np.array(control) == 1, beyond, 0.0)
+    stress, _, _, report = points.mixed(control, given * (1 + 1e-9))
+    assert report.status[0] == Status.BEYOND_PEAK and report.evaluations[0] == 0
+    assert np.array_equal(stress, points.stress)
+    # strain grows without bound towards it
+    if control[2] == 1 or control[:2] == (1, 1):
+        assert points.mixed(control, given * 0.9)[3].failed == 0
+
+
+def test_bound_of_some_stresses_is_that_of_all():
+    """Of 200 free values of the third component one is within the cone, exactly if the bound says so."""
+    points = Points(sliding_law(material_changes={"apparent_cohesion": 3e3}), ISOTROPIC)
+    rng = np.random.default_rng(3)
+    refused = 0
+    for _ in range(300):
+        end = np.array([-(10 ** rng.uniform(3, 5.5)), -(10 ** rng.uniform(3, 5.5)), rng.uniform(-1e5, 1e5)])
+        for free in range(3):
+            control = [1, 1, 1]
+            control[free] = 0
+            tried = np.tile(end, (4001, 1))
+            tried[:, free] = np.linspace(-2e6, 0.0, 4001) if free < 2 else 0.0
+            p, q = invariants(tried)
+            margin = (q / (p + 3e3)).min() / PEAK
+            if abs(margin - 1) < 0.01:
+                continue
+            given = np.where(np.array(control) == 1, end - np.array(ISOTROPIC), 0.0)
+            at_once = points.mixed(control, given)[3]
+            assert (at_once.status[0] == Status.BEYOND_PEAK and at_once.evaluations[0] == 0) == (margin > 1)
+            refused += margin > 1
+    assert 100 < refused < 800
+
+
 def test_stress_outside_the_cone_is_refused():
     points = Points(sliding_law(), ISOTROPIC)
     outside = Points(points.law, (-1.3e5, -0.7e5, 0.0), points.state)

@@ -41,9 +41,10 @@ def closures() -> list[Closure]:
     plain = Closure()
 
     def same_law(closure: Closure) -> tuple:
-        """The shifted distribution is self-consistent and has a directional density of its own."""
+        """The shifted distribution has a directional density of its own, and its own rule where a_t is left open."""
+        closure = replace(closure, tangential=closure.tangential_rule)
         if closure.force_change == "shifted_distribution":
-            closure = replace(closure, tangential=plain.tangential, distribution=plain.distribution)
+            closure = replace(closure, distribution=plain.distribution)
         return tuple(getattr(closure, name) for name in found)
 
     return list({same_law(closure): closure for closure in reversed(made)}.values())[::-1]
