@@ -29,6 +29,7 @@ from .lanes import (
     M_PEAK,
     MEASURE,
     ON_CONE,
+    PLANNED_STEP,
     PLASTIC_ADVANCED,
     PLASTIC_RATES,
     PLASTIC_STAGE,
@@ -66,6 +67,7 @@ from .load_lane import (
     PAR_M_PEAK,
 )
 from .sliding import (
+    AXIS_TOLERANCE,
     CONE_TOLERANCE,
     LOAD_TOLERANCE,
     deviator_of,
@@ -98,6 +100,7 @@ def load_sliding(w, lane, point, state_start, par, micro_of_column, control, mix
         w[KAPPA + (1 + column) * L + lane] = 0.0
     for row in range(2):
         w[PLASTIC_SUMS + row * L + lane] = 0.0
+    w[PLANNED_STEP + lane] = 0.0
     for column in range(COLUMNS):
         w[TIME_CHANGE + column * L + lane] = 0.0
     forget_crossing(w, lane)
@@ -124,9 +127,15 @@ def _no_stress_within_the_peak(w, lane, control, peak, cohesion):
     s = w[Y + 2 * L + lane] + w[GIVEN + 2 * L + lane]
     has_x, has_y, has_s = control[0] == 1, control[1] == 1, control[2] == 1
     if has_x and has_y:
-        # where p itself ends below zero, that is what will be reported
-        end = 0.5 * (x + y)
-        return end > cohesion and math.hypot(0.5 * (x - y), s if has_s else 0.0) >= peak * end
+        end, half = 0.5 * (x + y), 0.5 * (x - y)
+        if end <= 0.0:
+            # on the straight way there the cone is left first, unless the way leads through its apex
+            start = end + 0.5 * (w[GIVEN + lane] + w[GIVEN + L + lane])
+            back = -end / (start - end)
+            half += back * 0.5 * (w[GIVEN + lane] - w[GIVEN + L + lane])
+            s -= back * w[GIVEN + 2 * L + lane]
+            return math.hypot(half, s if has_s else 0.0) > AXIS_TOLERANCE * start
+        return math.hypot(half, s if has_s else 0.0) >= peak * end
     if not (has_x or has_y):
         return False
     known = x if has_x else y
@@ -141,9 +150,11 @@ def begin_sliding(w):
         w[REVERSED + lane] = 0.0
         for row in range(3):
             w[STRAIN_CORRECTION + row * L + lane] = 0.0
-        # a substep that begins later by so much is shorter by so much
+        # a substep that begins later ends when planned; one that was shortened is a share of the planned one
+        planned = w[PLANNED_STEP + lane]
+        share = w[STEP + lane] / planned if planned > 0.0 else 0.0
         for column in range(COLUMNS):
-            w[STEP_CHANGE + column * L + lane] = -w[TIME_CHANGE + column * L + lane]
+            w[STEP_CHANGE + column * L + lane] = -share * w[TIME_CHANGE + column * L + lane]
         if w[CROSSED + lane] > 0.0:
             w[STEP_CHANGE + lane] += w[SEED + lane]
 

@@ -9,7 +9,8 @@ function of its length and f = q - M (p + c). The derivatives T of the end, at f
 
     T + Y' dt*,      dt* = -(grad f . T)/(grad f . Y'),
 
-and the substep that follows, which ends where it would have ended anyway, is shorter by dt*. This differentiates the
+and the substep that follows, which ends where it would have ended anyway, is shorter by dt* (a share of it, if it is
+taken back and shortened, by that share). This differentiates the
 discrete update itself, for any scheme; as substeps shrink the two parts together tend to the jump (F- - F+) dt* of the
 rate equations. Y' comes from the substep done a second time with a change of its length in the first column of the
 derivatives; they are linear in it.
@@ -38,6 +39,7 @@ from .lanes import (
     SIDE,
     SLIDES,
     STEP,
+    STEP_CHANGE,
     TIME_CHANGE,
     TRIAL,
     TRIAL_TY,
@@ -81,10 +83,10 @@ def _along_the_chord(w, lane):
 
 
 @compiled()
-def _end_as_planned(w, lane):
-    """The substep ends at a pseudo-time that does not depend on the strain increment."""
+def _pass_on_time(w, lane):
+    """How the end of the substep moves in pseudo-time with the strain increment; not at all if it ends as planned."""
     for column in range(COLUMNS):
-        w[TIME_CHANGE + column * L + lane] = 0.0
+        w[TIME_CHANGE + column * L + lane] += w[STEP_CHANGE + column * L + lane]
 
 
 @compiled()
@@ -99,7 +101,7 @@ def judge_substep(w, lane, differentiate):
             w[STEP + lane] = 0.5 * step
             return TAKEN_BACK
         w[ON_CONE + lane] = 1.0
-        _end_as_planned(w, lane)
+        _pass_on_time(w, lane)
         return ACCEPTED
     if w[CROSSED + lane] > 0.0:
         return _found(w, lane, differentiate)
@@ -108,7 +110,7 @@ def judge_substep(w, lane, differentiate):
     searching = w[HIGH + lane] > 0.0
     if distance <= tolerance and not searching:
         w[ON_CONE + lane] = 1.0 if distance >= -tolerance else 0.0
-        _end_as_planned(w, lane)
+        _pass_on_time(w, lane)
         return ACCEPTED
     if distance > tolerance and not searching:
         w[WHOLE_STEP + lane], w[LOW + lane] = step, 0.0
@@ -166,6 +168,7 @@ def _move_with_the_crossing(w, lane):
     m, by_kappa, _ = strength(w[KAPPA + lane], w[M_FIRST + lane], w[M_PEAK + lane], w[GAMMA_R + lane])
     pc = -0.5 * (w[TRIAL + lane] + w[TRIAL + L + lane]) + w[COHESION + lane]
     n1, n2 = (t1 / q, t2 / q) if q > 0.0 else (0.0, 0.0)
+    w[STEP_CHANGE + lane] -= w[SEED + lane]
     # the first column leaves by the seed, and what it leaves with is Y' times the seed
     for i in range(UNKNOWNS):
         moved, kept = TRIAL_TY + i * L + lane, KEPT_COLUMN + i * L + lane
@@ -179,4 +182,4 @@ def _move_with_the_crossing(w, lane):
         delay = -outwards / speed if speed > 0.0 else 0.0
         for i in range(UNKNOWNS):
             w[row + i * L] += w[KEPT_COLUMN + i * L + lane] * delay
-        w[TIME_CHANGE + column * L + lane] = delay
+        w[TIME_CHANGE + column * L + lane] += w[STEP_CHANGE + column * L + lane] + delay

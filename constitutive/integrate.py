@@ -35,6 +35,7 @@ from .lanes import (
     LANES,
     LOSS,
     MEASURE,
+    PLANNED_STEP,
     REFERENCE_A1,
     REFERENCE_A2,
     REFERENCE_Z,
@@ -174,6 +175,8 @@ def update_points(
                     last[lane] = w[STEP + lane] >= remaining * (1.0 - 1e-12)
                     if last[lane]:
                         w[STEP + lane] = remaining
+                if sliding and w[PLANNED_STEP + lane] == 0.0:
+                    w[PLANNED_STEP + lane] = w[STEP + lane]
         if active == 0:
             break
         attempt_substep(w, lane_control, mixed, options, numbers, derivatives, tableau, stage_tolerance, rule, solver)
@@ -222,6 +225,8 @@ def update_points(
                 if shifted:
                     raise_spread(w, lane, options, numbers, derivatives)
                 crossed = sliding and w[CROSSED + lane] > 0.0
+                if sliding:
+                    w[PLANNED_STEP + lane] = 0.0
                 if crossed:
                     forget_crossing(w, lane)
                 if not last[lane]:

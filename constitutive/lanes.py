@@ -145,7 +145,8 @@ LOW, LOW_F, HIGH, HIGH_F, SIDE, WHOLE_STEP, TRIES = (_rows(1) for _ in range(7))
 STRAIN_CORRECTION = _rows(3)
 TIME_CHANGE, STEP_CHANGE = _rows(COLUMNS), _rows(COLUMNS)
 """Derivatives by the strain increment of the pseudo-time at which the substep starts, and of its length."""
-SEED = _rows(1)
+SEED, PLANNED_STEP = _rows(1), _rows(1)
+"""A change of the step by which Y' is found; the length of the substep before it was shortened."""
 KEPT_COLUMN = _rows(UNKNOWNS)
 
 SIZE = next(_next) * LANES

@@ -229,6 +229,16 @@ def test_some_stresses_given_beyond_the_peak_are_refused_at_once(control):
         assert points.mixed(control, given * 0.9)[3].failed == 0
 
 
+def test_way_to_no_pressure_leads_over_the_peak_except_through_the_apex():
+    """Stress-driven, to a pressure below zero: with a deviator the cone is in the way, else the pressure vanishes."""
+    points = Points(sliding_law(), ISOTROPIC)
+    for end in ((0.5e5, 0.2e5, 0.0), (0.5e5, 0.5e5, 1.0), (0.0, 1e5, 0.0)):
+        report = points.mixed(STRESS, np.array(end) - np.array(ISOTROPIC))[3]
+        assert report.status[0] == Status.BEYOND_PEAK and report.evaluations[0] == 0
+    report = points.mixed(STRESS, (1.5e5, 1.5e5, 0.0))[3]
+    assert report.status[0] == Status.NO_PRESSURE
+
+
 def test_bound_of_some_stresses_is_that_of_all():
     """Of 200 free values of the third component one is within the cone, exactly if the bound says so."""
     points = Points(sliding_law(material_changes={"apparent_cohesion": 3e3}), ISOTROPIC)

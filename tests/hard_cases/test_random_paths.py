@@ -19,6 +19,7 @@ from constitutive.contract import Status
 from constitutive.effects import Effects
 from constitutive.law import ContactLaw
 from constitutive.parameters import Closure, Integration, Material
+from constitutive.runge_kutta import TABLEAUS
 
 STEPS = 6
 POINTS = {"mean_field": 200}
@@ -150,7 +151,11 @@ def test_finite_admissible_and_the_same_in_any_order(examples: int) -> None:
         failed = whole.status[1:] > Status.LIMITED
         assert np.array_equal(whole.state[1:][failed], whole.state[:-1][failed])
         if effects.contact_loss:
-            assert (np.diff(whole.get("coordination_lost"), axis=0) >= -1e-12).all()
+            lost = np.diff(whole.get("coordination_lost"), axis=0)
+            # negative weights of a scheme make a sum of losses negative by its error at most
+            exact = (TABLEAUS[integration.integrator].b >= 0).all()
+            error = 0.0 if exact else 10 * integration.tolerance * np.diff(whole.substeps, axis=0)
+            assert (lost >= -1e-12 - error * whole.get("coordination")[:-1]).all()
         order = np.random.default_rng(seed).permutation(batch.points)
         shuffled = batch.trail(law, order)
         assert np.array_equal(shuffled.state, whole.state[:, order])
@@ -170,9 +175,8 @@ def test_finite_admissible_and_the_same_in_any_order(examples: int) -> None:
 HONEST = {"modified_euler": 30.0, "bogacki_shampine": 30.0}
 """Allowed error over tolerance times substeps. Each substep may add its tolerance, errors made are carried on and grow
 with the rates' slopes, exp(2) to exp(3) over a path of this length at most."""
-SELDOM = 1000.0
-"""The same where what happens between stages can escape the estimate: pairs of high order take few substeps, which
-jump over kinks; rates of the shifted distribution jump where loading ceases to be virgin."""
+SELDOM = 100.0
+"""The same for pairs of high order: what happens between their few stages can escape the estimate."""
 
 
 @pytest.mark.parametrize("examples", amounts(12, 600))
@@ -203,8 +207,7 @@ def test_the_error_estimate_is_honest(examples: int) -> None:
         largest = float(share[both].max(initial=0.0))
         name = integration.integrator
         worst[name] = max(worst.get(name, 0.0), largest)
-        smooth = closure.force_change == "mean_field"
-        assert largest <= (HONEST.get(name, SELDOM) if smooth else SELDOM), (name, largest)
+        assert largest <= HONEST.get(name, SELDOM), (name, largest)
 
     look()
     print("largest error over tolerance times substeps:", worst)
