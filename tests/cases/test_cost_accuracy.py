@@ -131,9 +131,7 @@ def test_shipped_paths_keep_within_their_accuracy(
     scene = tmp_path / f"{name}.toml"
     scene.write_text(text)
     errors = []
-    # turning axes move along the border of virgin loading, where the state form's rate jumps: a tight run takes minutes
-    slow = name == "axes_rotation" and closure == "shifted_distribution"
-    for accuracy in ("1e-2",) if slow else ("1e-2", "1e-4", "1e-6"):
+    for accuracy in ("1e-2", "1e-4", "1e-6"):
         said = (f"accuracy={accuracy}", f"closure.force_change={closure}", "output.pictures=false")
         arguments = [argument for text in said for argument in ("--set", text)]
         result = granfabric("point", scene, *arguments, "-o", tmp_path / accuracy)
