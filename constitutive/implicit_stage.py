@@ -13,7 +13,6 @@ lane that is not solved in `MOST_PASSES` fails, and its substep is shortened. Re
 import math
 
 from .compilation import compiled
-from .cone_return import improve_plastic_stage
 from .contract import Status
 from .lanes import (
     ADVANCED,
@@ -47,6 +46,7 @@ from .lanes import (
     L,
     Y,
 )
+from .plastic_advance import improve_plastic_stage
 from .rows import NOT_NEGATIVE, copy_rows
 
 MOST_PASSES = 30

@@ -12,14 +12,7 @@ import math
 import numpy as np
 
 from .compilation import compiled
-from .cone_return import (
-    accept_plastic,
-    estimate_plastic_error,
-    finish_sliding,
-    forget_crossing,
-    load_sliding,
-    plastic_tangent,
-)
+from .cone_return import finish_sliding, plastic_tangent
 from .contract import Status
 from .crossing import TAKEN_BACK, judge_substep
 from .end_values import finish_point, finish_weak_forces, network_at_end
@@ -56,8 +49,10 @@ from .lanes import (
     Y,
 )
 from .load_lane import M_A1, M_A2, M_Z, MICRO, load_idle, load_point, stiffness_of
+from .plastic_advance import accept_plastic, estimate_plastic_error
 from .runge_kutta import APEX_FRACTION, FAILED_STAGE_FACTOR, SMALLEST_SUBSTEP
 from .shifted_distribution import workspace
+from .sliding_start import forget_crossing, load_sliding
 from .substep import accept_substep, attempt_substep, estimate_error, step_factor
 from .weak_force_stage import raise_spread
 

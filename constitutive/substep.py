@@ -3,14 +3,7 @@
 import math
 
 from .compilation import compiled
-from .cone_return import (
-    advance_length,
-    advance_plastic,
-    begin_plastic_stage,
-    begin_sliding,
-    keep_plastic,
-    return_to_cone,
-)
+from .cone_return import return_to_cone
 from .contract import Status
 from .implicit_stage import begin_stage, improve_stage
 from .lanes import (
@@ -46,6 +39,7 @@ from .lanes import (
     L,
     Y,
 )
+from .plastic_advance import advance_length, advance_plastic, begin_plastic_stage, begin_sliding, keep_plastic
 from .rows import add_scaled, copy_rows
 from .runge_kutta import LARGEST_CHANGE, MAX_FACTOR, MIN_FACTOR, SAFETY, SMALLEST_COORDINATION
 from .stage import stage
