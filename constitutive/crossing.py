@@ -53,6 +53,9 @@ from .sliding import CONE_TOLERANCE, deviator_of, strength
 
 ACCEPTED, TAKEN_BACK = 0, 1
 _MOST_TRIES = 80
+_CROSSING_TOLERANCE = 1e-14
+"""Distance at which a crossing is found. One more secant step than `CONE_TOLERANCE` takes; where the cone is so narrow
+that its width counts in that unit, the derivatives would notice."""
 _REVERSAL_STEP = 1e-6
 """A substep in which sliding ends is halved down to this share of the increment; the rates are continuous there."""
 
@@ -125,7 +128,8 @@ def judge_substep(w, lane, differentiate):
         return TAKEN_BACK
     w[TRIES + lane] += 1.0
     width = w[HIGH + lane] - w[LOW + lane]
-    if abs(distance) <= tolerance or w[TRIES + lane] > _MOST_TRIES or width <= 1e-15 * w[HIGH + lane]:
+    found = abs(distance) <= _CROSSING_TOLERANCE * pc
+    if found or w[TRIES + lane] > _MOST_TRIES or width <= 1e-15 * w[HIGH + lane]:
         return _found(w, lane, differentiate)
     # the end of the bracket that stays counts half from the second time on, so that it moves as well
     if distance > 0.0:
