@@ -89,7 +89,7 @@ def report(loaded: Any, record: Any, screen: Any) -> None:
     """Say and record how accurate a run is.
 
     A point is compared with a tighter run. Of a field: what was measured of the point law with its settings, and the
-    load steps against a run in half as many; the mesh is not judged.
+    load steps against a run in half as many, and the mesh by its stresses.
     """
     choice = loaded.accuracy
     if choice is None or record.outcome != "finished":
@@ -106,6 +106,7 @@ def report(loaded: Any, record: Any, screen: Any) -> None:
         )
     else:
         entry["expected"] = expected(choice)
+        entry["mesh"] = record.details["mesh_error"]["stress"]
         with record.phase("accuracy"), stop_wish(lambda: screen.say("no estimate of the load steps")) as stop:
             entry["load_steps"] = load_step_error(loaded, record.folder, stop)
         screen.say(_field_text(choice, entry, record))
@@ -119,11 +120,14 @@ def _field_text(choice: Choice, entry: dict[str, Any], record: Any) -> str:
         law = "point law not known, because the scene overrides settings for which it was measured"
     else:
         law = f"point law {entry['expected']:.1e} in each increment (measured by `granfabric cost`)"
+    mesh = f"mesh {entry['mesh']:.1e} in the stresses"
+    if entry["mesh"] > choice.wanted:
+        mesh += ", more than wanted: refine it where mesh_error.vtu says"
     if entry["load_steps"] is None:
-        return f"error estimate: {law}; mesh and load steps not judged"
+        return f"error estimate: {law}; load steps not judged; {mesh}"
     steps = entry["load_steps"]["largest"]
     verdict = "" if steps <= choice.wanted else f", more than the {choice.wanted:g} wanted: take more increments"
     return (
         f"error estimate: {law}, load steps {steps:.1e} in the means{verdict} (against half as many, "
-        f"{record.timing['accuracy']:.1f} s; the run itself: {record.timing.get('run', 0.0):.1f} s); mesh not judged"
+        f"{record.timing['accuracy']:.1f} s; the run itself: {record.timing.get('run', 0.0):.1f} s); {mesh}"
     )

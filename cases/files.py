@@ -16,6 +16,7 @@ from .errors import InputError
 RECORD = "run.json"
 HISTORY = "history.csv"
 COMPARISON = "closed_form.csv"
+MESH_ERROR = "mesh_error.vtu"
 SCENE = "scene.toml"
 PACKING = "packing.npz"
 CHECKPOINT = "checkpoint.npz"
@@ -27,7 +28,7 @@ PICTURES = (
 SERIES = ("result", "points", "particles", "contacts")
 OWN_FILES = (
     *(RECORD, HISTORY, SCENE, "failed_point.toml", PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
-    *(MATERIAL, COMPARISON, "verify.csv", "verify.md", *(f"{name}.pvd" for name in SERIES), *PICTURES),
+    *(MATERIAL, COMPARISON, MESH_ERROR, "verify.csv", "verify.md", *(f"{name}.pvd" for name in SERIES), *PICTURES),
 )
 CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
 OWN_PATTERNS = (".granfabric-*", ".result*", ".points*", *CHECKPOINTS, *(f"{name}_*.vtu" for name in SERIES))

@@ -17,7 +17,7 @@ from fem.output import OutputError
 from fem.results import RunSummary, StepResult
 from fem.stepping import solve
 
-from . import comparison, effects_audit, effects_choice, effects_report, files, resumption
+from . import comparison, effects_audit, effects_choice, effects_report, files, mesh_judgement, resumption
 from .compile_watch import CompileWatch, watching
 from .early_kernels import EarlyKernels
 from .effects_settle import settle_field
@@ -144,6 +144,9 @@ def run_field(
                 audit = effects_audit.audit_field(loaded, problem, ways)
         if record.outcome == "finished" and loaded.scene.closed_form is not None:
             comparison.write(folder, record, comparison.compare(loaded, problem, recorder.last))
+        if record.outcome == "finished":
+            with record.phase("mesh_error"):
+                mesh_judgement.judge(folder, record, problem, recorder.last)
         record.write()
         if loaded.scene.output.pictures:
             from .plots import draw
@@ -154,6 +157,7 @@ def run_field(
         if record.outcome == "finished":
             checkpoints.remove()
     _report(history, summary, record, screen)
+    mesh_judgement.report(record, screen)
     comparison.report(record, screen)
     if audit is not None:
         effects_audit.conclude(audit, loaded, record, screen)

@@ -83,7 +83,7 @@ def test_files_of_a_run(granfabric: Callable, smooth: Path, tmp_path: Path, is_d
     result = granfabric("run", smooth, "-o", out, "--set", "output.pictures=true")
     assert result.code == 0, result.err
     steps = [f"{kind}_{step:04d}.vtu" for kind in ("result", "points") for step in range(6)]
-    fixed = ["history.csv", "run.json", "scene.toml", "result.pvd", "points.pvd", "overview.png"]
+    fixed = ["history.csv", "run.json", "scene.toml", "result.pvd", "points.pvd", "overview.png", "mesh_error.vtu"]
     assert {file.name for file in out.iterdir()} == {*steps, *fixed}
     data = record(out)
     assert data["outcome"] == "finished"

@@ -1,0 +1,66 @@
+"""Estimate of the discretisation error from the stresses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fem_meshes import ELEMENTS, cell_of, distorted
+
+from fem.mesh import rectangle
+from fem.mesh_error import stress_error
+from fem.space import Space
+
+
+def polynomial(x: np.ndarray, order: int, sign: float = 1.0) -> np.ndarray:
+    """Stress of the given order in x and y."""
+    square = (order - 1) * np.column_stack([x[:, 0] ** 2, x[:, 0] * x[:, 1], -2.0 * x[:, 1] ** 2])
+    return sign * (np.column_stack([1.0 + 2.0 * x[:, 0] - 3.0 * x[:, 1], x[:, 0], np.full(len(x), 7.0)]) + square)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+@pytest.mark.parametrize("n", [3, 6])
+def test_polynomials_of_the_order_of_the_element_have_no_error(element, n):
+    """On distorted meshes, corners and sides included."""
+    space = Space(distorted(element, n), element)
+    found = stress_error(space, polynomial(space.points, space.order))
+    assert found.relative < 1e-11 and found.of_cells.shape == (space.nelements,)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_materials_have_patches_of_their_own(element):
+    """A jump between two materials is no error; without being told of them it is a large one."""
+    space = Space(distorted(element, 6), element)
+    upper = (space.points[:, 1] > 0.5).reshape(space.nelements, -1).mean(axis=1) > 0.5
+    sign = np.where(np.repeat(upper, space.points_per_cell), 1.0, -10.0)
+    stress = polynomial(space.points, space.order) * sign[:, None]
+    assert stress_error(space, stress, upper.astype(int)).relative < 1e-10
+    whole = stress_error(space, stress)
+    assert whole.relative > 0.05
+    assert np.sum(whole.of_cells**2) == pytest.approx(whole.relative**2)
+    # what is far from the jump has no part in it
+    centre = space.points[:, 1].reshape(space.nelements, -1).mean(axis=1)
+    assert whole.of_cells[np.abs(centre - 0.5) > 0.4].max() < 1e-10
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_a_single_cell_and_no_stress(element):
+    space = Space(rectangle(1.0, 1.0, 1, 1, cell_of(element)), element)
+    assert stress_error(space, np.zeros((space.npoints, 3))).relative == 0.0
+    assert stress_error(space, np.full((space.npoints, 3), 3.0)).relative < 1e-12
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_smooth_stresses_are_recovered_with_one_order_more(element):
+    """What is added to a smooth field at random, cell by cell, is found; the field itself falls with order + 1."""
+    errors, sizes = [], (8, 16, 32)
+    for n in sizes:
+        space = Space(rectangle(1.0, 1.0, n, n, cell_of(element)), element)
+        x, y = 3.0 * space.points.T
+        smooth = np.column_stack([np.sin(x) * np.cos(y), np.cos(x + y), np.sin(2 * x)])
+        errors.append(stress_error(space, smooth).relative)
+        rough = np.repeat(np.random.default_rng(n).normal(size=(space.nelements, 3)), space.points_per_cell, axis=0)
+    slope = -np.diff(np.log(errors)) / np.diff(np.log(sizes))
+    assert (slope > space.order + 0.6).all()
+    # noise of a tenth is mostly seen: a patch of six cells keeps a part of it
+    added = 0.1 * np.linalg.norm(rough) / np.linalg.norm(smooth)
+    assert 0.5 * added < stress_error(space, smooth + 0.1 * rough).relative < added
