@@ -79,11 +79,11 @@ class Settings:
 
 
 TABLE = (
-    Settings(1e-2, "bogacki_shampine", 1e-2, 8, 1e-4, 2, 2.2e-3),
-    Settings(1e-3, "bogacki_shampine", 1e-3, 8, 1e-5, 2, 3.1e-4),
-    Settings(1e-4, "bogacki_shampine", 1e-5, 16, 1e-6, 4, 2.6e-5),
-    Settings(1e-5, "bogacki_shampine", 1e-6, 16, 1e-7, 8, 9.3e-7),
-    Settings(1e-6, "bogacki_shampine", 1e-7, 16, 1e-8, 16, 7.3e-8),
+    Settings(1e-2, "bogacki_shampine", 1e-2, 8, 1e-4, 2, 3.8e-4),
+    Settings(1e-3, "bogacki_shampine", 1e-3, 8, 1e-5, 2, 3.8e-4),
+    Settings(1e-4, "bogacki_shampine", 1e-5, 16, 1e-6, 4, 2.5e-5),
+    Settings(1e-5, "bogacki_shampine", 1e-6, 16, 1e-7, 8, 9.2e-7),
+    Settings(1e-6, "bogacki_shampine", 1e-7, 16, 1e-8, 16, 6.6e-8),
     Settings(1e-8, "bogacki_shampine", 1e-9, 32, 1e-10, 64, 6.0e-10),
 )
 """Cheapest settings on the measured fronts, coarsest first."""
