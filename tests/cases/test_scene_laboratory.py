@@ -142,7 +142,7 @@ def test_random_specimen_is_a_function_of_place(solve_scene: Callable) -> None:
     coarse = ("mesh.rectangle.nx=4", "mesh.rectangle.ny=8", *CONSTANT_STIFFNESS, "stage.1.increments=1")
     problem, steps = solve_scene("random_specimen", *coarse)
     z = problem.initial_state[:, problem.law.description.columns("coordination")][:, 0]
-    wanted = 3.906 + 0.08 * random_field(problem.space.points, 1, (0.02, 0.006), "gaussian")
+    wanted = 3.896 + 0.08 * random_field(problem.space.points, 1, (0.02, 0.006), "gaussian")
     np.testing.assert_allclose(z, wanted, rtol=1e-12)
     # Bounds of Reuss and Voigt for smooth platens at constant lateral stress: K goes with z, G with z - z_iso, and the
     # uniaxial modulus in the plane is 4 K G/(K + G). Means over the integration points, as the element has them.
