@@ -175,7 +175,7 @@ def _include_material(table: dict[str, Any], folder: Path, wins: bool) -> Origin
     """Replace the key `material_file` of a scene by the tables of that file; which keys came from there.
 
     Keys that the scene has itself are kept unless the file `wins`. In a scene with tables ``[materials.NAME]`` the
-    file's material fills in what each of them leaves open; it cannot win there, because it would make them all the same.
+    file's material fills in what each of them leaves open; it never wins there, which would make them all the same.
     """
     name, kind = table.get("material_file"), table.get("kind")
     if not isinstance(name, str) or not isinstance(kind, str) or kind not in MODELS:
