@@ -187,11 +187,10 @@ def _include_material(table: dict[str, Any], folder: Path, wins: bool) -> Origin
     origins: Origins = {}
     several = table.get("materials")
     for section, entries in read_material(file).items():
-        places: list[tuple[str, ...]] = [(section,)]
-        if section == "material" and isinstance(several, dict) and several and section not in table and not wins:
-            places = [("materials", name) for name in several]
-        for place in places:
-            own = several[place[1]] if len(place) > 1 else table.setdefault(section, {})
+        places: dict[tuple[str, ...], Any] = {}
+        if section == "material" and isinstance(several, dict) and section not in table and not wins:
+            places = {("materials", name): own for name, own in several.items()}
+        for place, own in (places or {(section,): table.setdefault(section, {})}).items():
             if not isinstance(own, dict):
                 continue
             for key, value in entries.items():
