@@ -174,7 +174,8 @@ def check(
 def _include_material(table: dict[str, Any], folder: Path, wins: bool) -> Origins:
     """Replace the key `material_file` of a scene by the tables of that file; which keys came from there.
 
-    Keys that the scene has itself are kept unless the file `wins`.
+    Keys that the scene has itself are kept unless the file `wins`. In a scene with tables ``[materials.NAME]`` the
+    file's material fills in what each of them leaves open; it never wins there, which would make them all the same.
     """
     name, kind = table.get("material_file"), table.get("kind")
     if not isinstance(name, str) or not isinstance(kind, str) or kind not in MODELS:
@@ -184,14 +185,18 @@ def _include_material(table: dict[str, Any], folder: Path, wins: bool) -> Origin
     del table["material_file"]
     file = catalogue.material(name, folder)
     origins: Origins = {}
+    several = table.get("materials")
     for section, entries in read_material(file).items():
-        own = table.setdefault(section, {})
-        if not isinstance(own, dict):
-            continue
-        for key, value in entries.items():
-            if wins or key not in own:
-                own[key] = value
-                origins[section, key] = file
+        places: dict[tuple[str, ...], Any] = {}
+        if section == "material" and isinstance(several, dict) and section not in table and not wins:
+            places = {("materials", name): own for name, own in several.items()}
+        for place, own in (places or {(section,): table.setdefault(section, {})}).items():
+            if not isinstance(own, dict):
+                continue
+            for key, value in entries.items():
+                if wins or key not in own:
+                    own[key] = value
+                    origins[(*place, key)] = file
     return origins
 
 

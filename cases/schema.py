@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, model_validator
 
+from constitutive.parameters import Material
+
 from .accuracy import Accuracy
 from .schema_base import Control, Increments, Scene, Section, Triple
 from .schema_closed_form import ClosedForm
@@ -129,6 +131,9 @@ class FieldScene(LawScene):
         return self
 
 
+NUMBERS = tuple(variable.name for variable in Material.variables())
+"""Keys of a material."""
+
 MODELS: dict[str, type[Scene]] = {"point": PointScene, "field": FieldScene, "dem": DemScene}
 """Model of each kind of scene; a new kind is added here."""
 
@@ -137,6 +142,10 @@ def json_schema() -> dict[str, Any]:
     """JSON schema of all kinds of scene, for editors."""
     union: Any = Annotated[PointScene | FieldScene | DemScene, Field(discriminator="kind")]
     schema = TypeAdapter(union).json_schema()
+    # What a material file gives need not stand in the scene; editors, unlike the check, do not see that file.
+    for name in ("MaterialSection", "NamedMaterialSection", "PointScene"):
+        table = schema["$defs"][name]
+        table["required"] = [key for key in table["required"] if key not in (*NUMBERS, "material")]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "granfabric scene",

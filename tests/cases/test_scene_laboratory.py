@@ -77,7 +77,8 @@ def test_stress_in_a_weak_inclusion(solve_scene: Callable) -> None:
         (deviator, (within[0] - within[1]) / (far[0] - far[1])),
     ):
         assert found == pytest.approx(share / (1 - fraction + fraction * share), abs=0.03)
-    assert change[inside, 1].std() < 0.03 * abs(far[1])
+    # What the sides reflect varies over the inclusion by a like share of itself: (8/25)^2 of 3 %.
+    assert change[inside, 1].std() < 0.003 * abs(far[1])
     assert problem.space.host_mesh.curved is not None
 
 
@@ -142,7 +143,7 @@ def test_random_specimen_is_a_function_of_place(solve_scene: Callable) -> None:
     coarse = ("mesh.rectangle.nx=4", "mesh.rectangle.ny=8", *CONSTANT_STIFFNESS, "stage.1.increments=1")
     problem, steps = solve_scene("random_specimen", *coarse)
     z = problem.initial_state[:, problem.law.description.columns("coordination")][:, 0]
-    wanted = 3.906 + 0.08 * random_field(problem.space.points, 1, (0.02, 0.006), "gaussian")
+    wanted = 3.896 + 0.08 * random_field(problem.space.points, 1, (0.02, 0.006), "gaussian")
     np.testing.assert_allclose(z, wanted, rtol=1e-12)
     # Bounds of Reuss and Voigt for smooth platens at constant lateral stress: K goes with z, G with z - z_iso, and the
     # uniaxial modulus in the plane is 4 K G/(K + G). Means over the integration points, as the element has them.

@@ -234,6 +234,39 @@ def test_json_schema_covers_both_kinds() -> None:
     assert schema["$defs"]["MaterialSection"]["additionalProperties"] is False
 
 
+def test_what_a_material_file_gives_is_not_required_by_the_json_schema() -> None:
+    """Editors see the scene alone: what its tables must have is there in each shipped one as it is written."""
+    required = {name: json_schema()["$defs"][name]["required"] for name in ("MaterialSection", "NamedMaterialSection")}
+    assert required == {"MaterialSection": [], "NamedMaterialSection": ["region"]}
+    for entry in shipped().values():
+        table = tomllib.loads(entry.file.read_text(encoding="utf-8"))
+        for section in table.get("materials", {}).values():
+            assert set(required["NamedMaterialSection"]) <= set(section)
+        for key in json_schema()["$defs"][MODELS[table["kind"]].__name__]["required"]:
+            assert key in table, entry.file
+
+
+TWO = FIELD.replace("[material]\ncoordination = 4.06\nsolid_fraction = 0.846\nnormal_stiffness = 1e9\n", "").replace(
+    "[mesh]", "[materials.a]\nregion = 'a'\n[materials.b]\nregion = 'b'\ncoordination = 3.3\n[mesh]"
+)
+
+
+def test_several_materials_take_from_the_file_what_they_leave_open(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text('material_file = "measured.toml"\n' + TWO)
+    measured = "[material]\ncoordination = 3.9\nsolid_fraction = 0.84\nnormal_stiffness = 1e9\n"
+    (tmp_path / "measured.toml").write_text(measured + "[closure]\nslip = 1.1\n")
+    scene = load(str(tmp_path / "own.toml"), ["materials.a.solid_fraction=0.8"]).scene
+    assert scene.material is None and scene.closure.slip == 1.1
+    assert [scene.materials[name].coordination for name in "ab"] == [3.9, 3.3]
+    assert [scene.materials[name].solid_fraction for name in "ab"] == [0.8, 0.84]
+    # one file for all of them would make them the same
+    with pytest.raises(InputError, match=r"\[material\] or one \[materials\.NAME\]"):
+        load(str(tmp_path / "own.toml"), ["material_file=dense_disks"])
+    (tmp_path / "measured.toml").write_text(measured.replace("0.84", "1.84"))
+    with pytest.raises(InputError, match=r"measured\.toml: materials\.a\.solid_fraction = 1\.84"):
+        load(str(tmp_path / "own.toml"))
+
+
 def test_every_table_and_key_is_described() -> None:
     schema = json_schema()
     bare = [name for name, table in schema["$defs"].items() if not table.get("description")]
