@@ -215,7 +215,7 @@ def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: 
                 str(columns["step"][row]),
                 columns["stage"][row],
                 f"{columns[axial][row] * 1e6:.1f}",
-                f"{q / p:.4f}",
+                f"{q / p:.4f}" if p else "-",
                 f"{columns['coordination'][row]:.4f}",
                 f"{columns['coordination_smallest'][row]:.4f}",
                 f"{columns['fabric_anisotropy'][row]:.4f}",

@@ -45,7 +45,9 @@ def read_stored_arrays(path: Path) -> dict[str, NDArray]:
     except (FileNotFoundError, StoredArrayError):
         raise
     except DAMAGED as error:
-        raise StoredArrayError(f"{str(error) or type(error).__name__}") from None
+        reason = str(error)
+        # some quote the bytes that they stumbled over
+        raise StoredArrayError(reason if 0 < len(reason) < 100 and "\\x" not in reason else "damaged") from None
 
 
 def _check(members: list[zipfile.ZipInfo], size: int) -> None:
