@@ -203,6 +203,17 @@ def test_a_damaged_checkpoint_costs_one_step(
     assert content(broken) == whole
 
 
+def test_a_history_without_pressure_is_shown_as_it_is(granfabric: Callable, scene: Path, broken: Path) -> None:
+    """Numbers of earlier rows are taken as they are; the table divides by none of them."""
+    lines = (broken / "history.csv").read_text().splitlines()
+    place = lines[0].split(",").index("p")
+    first = lines[1].split(",")
+    first[place] = "0.0"
+    (broken / "history.csv").write_text("\n".join([lines[0], ",".join(first), *lines[2:]]) + "\n")
+    result = granfabric("run", scene, "-o", broken, "--resume")
+    assert result.code == 0 and " - " in result.out
+
+
 def test_what_cannot_be_gone_on_with_is_left_as_it_is(granfabric: Callable, scene: Path, broken: Path) -> None:
     def refused(*parts: str) -> None:
         before = content(broken), record(broken)

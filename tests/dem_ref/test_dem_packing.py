@@ -94,6 +94,13 @@ def test_damaged_files_are_refused_with_a_sentence(tmp_path, packing):
         np.savez(path, **{**good, name: damage})
         with pytest.raises(SampleError, match=r"p\.npz"):
             load_sample(path)
+    # a wrong length of a name in the archive: the reader quotes the bytes in its place, the sentence does not
+    np.savez(path, **good)
+    raw = bytearray(path.read_bytes())
+    raw[26:28] = (200).to_bytes(2, "little")
+    path.write_bytes(raw)
+    with pytest.raises(SampleError, match=r"not a stored sample \(damaged\)"):
+        load_sample(path)
     np.savez(path, **{k: v for k, v in good.items() if k != "image"})
     with pytest.raises(SampleError, match="image"):
         load_sample(path)
