@@ -10,10 +10,9 @@ function of its length and f = q - M (p + c). The derivatives T of the end, at f
     T + Y' dt*,      dt* = -(grad f . T)/(grad f . Y'),
 
 and the substep that follows, which ends where it would have ended anyway, is shorter by dt* (a share of it, if it is
-taken back and shortened, by that share). This differentiates the
-discrete update itself, for any scheme; as substeps shrink the two parts together tend to the jump (F- - F+) dt* of the
-rate equations. Y' comes from the substep done a second time with a change of its length in the first column of the
-derivatives; they are linear in it.
+taken back and shortened, by that share). This differentiates the discrete update itself, for any scheme; as substeps
+shrink the two parts together tend to the jump (F- - F+) dt* of the rate equations. Y' comes from the substep done a
+second time with a change of its length in the first column of the derivatives; they are linear in it.
 """
 
 import math

@@ -19,7 +19,7 @@ ENTRY_KERNELS = ("integrate.update_points", "integrate.smallest_step_factor")
 
 
 LATE_KERNELS = (
-    *(("substep", "accept_substep", "wwb"), ("substep", "estimate_error", "wwfbb"), ("stage", "_differentiate", "wob")),
+    *(("substep", "accept_substep", "wwb"), ("substep", "estimate_error", "wwfbbb"), ("stage", "_differentiate", "wob")),
     *(("rates", "_close", "wo"), ("rates", "_differentiate", "wo"), ("rates", "_split", "wo")),
     *(("rates", "_improve", "wo"), ("quadrature_change", "quadrature_change", "wiibbbww")),
     *(("contact_change", "_gain", "wb"), ("contact_change", "_loss_by_force_anisotropy", "w")),
@@ -62,7 +62,7 @@ def compile_late(go_on: Callable[[], bool]) -> list[str]:
         missed = sum(kernel.stats.cache_misses.values())
         try:
             kernel.compile(tuple(_TYPES[letter] for letter in letters))
-        except NumbaError:
+        except (NumbaError, TypeError):  # the latter for another number of arguments
             continue
         if sum(kernel.stats.cache_misses.values()) > missed:
             done.append(f"{module}.{name}")
