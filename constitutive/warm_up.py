@@ -19,7 +19,8 @@ ENTRY_KERNELS = ("integrate.update_points", "integrate.smallest_step_factor")
 
 
 LATE_KERNELS = (
-    *(("substep", "accept_substep", "wwb"), ("substep", "estimate_error", "wwfbbb"), ("stage", "_differentiate", "wob")),
+    *(("substep", "accept_substep", "wwb"), ("substep", "estimate_error", "wwfbbb")),
+    ("stage", "_differentiate", "wob"),
     *(("rates", "_close", "wo"), ("rates", "_differentiate", "wo"), ("rates", "_split", "wo")),
     *(("rates", "_improve", "wo"), ("quadrature_change", "quadrature_change", "wiibbbww")),
     *(("contact_change", "_gain", "wb"), ("contact_change", "_loss_by_force_anisotropy", "w")),

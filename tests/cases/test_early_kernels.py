@@ -43,8 +43,11 @@ def test_the_cache_is_warm_after_the_kernels_were_used() -> None:
 def test_the_kernels_compiled_beside_it_are_those_that_the_law_calls() -> None:
     warm_up.warm_up()
     # With other argument types, or under another name, they would not be in the cache.
-    for module, name, _ in warm_up.LATE_KERNELS:
-        assert hasattr(import_module(f"constitutive.{module}"), name), name
+    for module, name, letters in warm_up.LATE_KERNELS:
+        kernel = getattr(import_module(f"constitutive.{module}"), name)
+        missed = sum(kernel.stats.cache_misses.values())
+        kernel.compile(tuple(warm_up._TYPES[letter] for letter in letters))  # raises where these are not its arguments
+        assert sum(kernel.stats.cache_misses.values()) == missed, name
     assert warm_up.compile_late(lambda: True) == []
     assert warm_up.compile_late(lambda: False) == []
 
