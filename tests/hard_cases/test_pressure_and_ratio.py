@@ -82,6 +82,9 @@ def test_pressure_to_a_millionth(closure: Closure, integration: Integration) -> 
         opened = P0 * below * (np.exp(-u * u / 2) / (u * np.sqrt(2 * np.pi)) + 0.5 * (1 + math.erf(u / np.sqrt(2))))
         expected = 4.06 * np.exp(-opened - opened**2 / 2)
         least = 3.0 if closure.shear_stiffness == "isostatic" else SMALLEST_COORDINATION
+        if closure.tangential == "self_consistent":
+            # its equations feed a_c back into itself: with few contacts left an integrator may find no solution
+            least = max(least, 0.1 * 4.06)
         assert reached[expected > 1.01 * least].all()
         fine = reached
         assert z[1:][fine] == pytest.approx(expected[fine], rel=accuracy(integration))
