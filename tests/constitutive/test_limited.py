@@ -76,7 +76,12 @@ def test_force_anisotropy_beyond_its_limit_is_flagged(closure):
 
 @pytest.mark.parametrize(
     "numerics",
-    [{"substeps": 8}, {"substeps": 8, "integrator": "forward_euler"}, {"substeps": 8, "integrator": "kennedy_carpenter"}, {}],
+    [
+        {"substeps": 8},
+        {"substeps": 8, "integrator": "forward_euler"},
+        {"substeps": 8, "integrator": "kennedy_carpenter"},
+        {},
+    ],
     ids=["fixed", "euler", "implicit", "controlled"],
 )
 @pytest.mark.parametrize("outwards", [True, False])
