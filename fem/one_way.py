@@ -82,6 +82,7 @@ class OneWayRun:
                 if index == first and memory is not None:
                     # What was spent to get here is part of the earlier count.
                     self._restart_accounting(memory)
+                    self._scale = max(self._scale, memory.force_scale)
                 reached = self._stage(index, way, fraction if index == first else 0.0, done)
                 if reached < 1.0:
                     return self._summary(False, self._failure, index, reached)

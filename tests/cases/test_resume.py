@@ -41,6 +41,11 @@ displacement = [{ boundary = "top", component = "y", value = -6e-6 }]
 name = "shear"
 increments = 2
 displacement = [{ boundary = "top", component = "x", value = 4e-6 }]
+[[stage]]
+name = "unload"
+increments = 2
+displacement = [{ boundary = "top", component = "y", value = -2e-6 }]
+pressure = [{ boundary = "left", value = 40e3 }, { boundary = "right", value = 40e3 }]
 [output]
 pictures = false
 every = 2
@@ -126,7 +131,7 @@ def test_killed_before_any_change_of_a_file(
     total = calls
     assert total > 40
     # The first two belong to run.json and scene.toml: before there is a record, there is nothing to go on with.
-    for moment in range(2, total + 1, 3):
+    for moment in range(2, total + 1, 4):
         assert not run(moment)
         # Killed once more on the way.
         run(9, "--resume")

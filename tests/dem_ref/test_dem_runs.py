@@ -68,11 +68,28 @@ def test_known_behaviour_at_constant_pressure(biaxial, large_packing):
     assert change.lost[0] > 4 * change.lost[2]  # compression along y: minor direction x
 
 
-def test_resumed_run_is_identical_to_the_last_bit(tmp_path, packing):
-    options = RunOptions(tuple(loading_cycles(0.1)))
+@pytest.mark.parametrize(
+    ("segments", "moments"),
+    [
+        (tuple(loading_cycles(0.1)), (1, 37, 70)),
+        # unloading at constant lateral stress beyond the start, another pressure, a turn, given strain
+        (
+            (
+                *loading_cycles(0.1, path="constant_lateral_stress")[:1],
+                Segment("biaxial", "constant_lateral_stress", -0.02, -0.05),
+                Segment("invariants", pressure=0.8, stress_ratio=0.06, angle=0.3),
+                Segment("mixed", control=("strain", "stress", "stress"), target=(-2e-5, -0.8e5, 0.0)),
+            ),
+            (20, 45, 80),
+        ),
+    ],
+    ids=["cycles", "turns"],
+)
+def test_resumed_run_is_identical_to_the_last_bit(tmp_path, packing, segments, moments):
+    options = RunOptions(segments)
     straight = DemRun(packing, options)
     assert straight.execute()
-    for chunks in (1, 37, 70):
+    for chunks in moments:
         run = DemRun(packing, options)
         for _ in range(chunks):
             run.advance()
