@@ -52,7 +52,8 @@ def test_overview_of_a_dem_run(pictures: dict[str, Any], tmp_path: Path) -> None
             "all particles": columns["coordination"], "without rattlers": columns["coordination_without_rattlers"],
         }),
         ("(c) anisotropies", "anisotropy [-]", {
-            "$a_c$": fabric, "$a_n$": columns["normal_force_anisotropy"], "$a_t$": columns["tangential_force_anisotropy"],
+            "$a_c$": fabric, "$a_n$": columns["normal_force_anisotropy"],
+            "$a_t$": columns["tangential_force_anisotropy"],
         }),
         ("(d) mean force, sliding contacts", "[-]", {
             "mean force $f/f_0$": columns["mean_normal_force"], "1 + sliding fraction": 1 + columns["sliding_fraction"],
@@ -372,7 +373,7 @@ def test_model_and_dem_are_told_apart(packing: Any, seeds: int, pictures: dict[s
             for closure in CLOSURES:
                 same(found[closure], LEVELS, made.model[loading][closure][quantity].mean(axis=0))
             if seeds > 1:
-                ((_, x, low, high),) = bands(one)
+                ((_, _, low, high),) = bands(one)
                 values = made.dem[loading][quantity]
                 np.testing.assert_allclose(high - low, 2 * values.std(axis=0, ddof=1), atol=1e-9)
                 np.testing.assert_allclose((high + low) / 2, values.mean(axis=0), atol=1e-9)

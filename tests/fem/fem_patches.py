@@ -10,7 +10,7 @@ from fem.space import Space
 
 
 def graded(element: str, n: int = 5, growth: float = 1.35) -> HostMesh:
-    """Rectangle 2 x 1 whose cells grow by a factor each from left to right and from below; inner nodes a little moved."""
+    """Rectangle 2 x 1 whose cells grow by a factor each, from the left and from below; inner nodes a little moved."""
     host = rectangle(2.0, 1.0, n, n, cell_of(element))
     places = np.concatenate([[0.0], np.cumsum(growth ** np.arange(n))])
     places /= places[-1]
