@@ -371,7 +371,8 @@ def test_findings_on_effects_and_decisions() -> None:
 def test_findings_on_meshes_and_steps() -> None:
     made = [
         {"facet": "f", "series": element, "setting": f"{cells} x {cells} cells", "cells": cells,
-         "count": 10 * cells + k, "error": cells ** -(1.0 + k), "stress_error": cells ** -(0.5 + k), "seconds": 1e-3 * cells * (1 + k),
+         "count": 10 * cells + k, "error": cells ** -(1.0 + k), "stress_error": cells ** -(0.5 + k),
+         "seconds": 1e-3 * cells * (1 + k),
          "reference_uncertainty": 3e-4, "factorisations": 5 + k}
         for k, element in enumerate(("P1", "Q1", "P2", "Q2")) for cells in (2, 4, 8)
     ]  # fmt: skip
