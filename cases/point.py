@@ -121,6 +121,12 @@ def _report(history: PathHistory, record: Record, screen: Screen) -> None:
         values = [f"{int(columns['step'][row])}", f"{p / 1e3:.2f}", f"{q / p:.3f}"]
         rows.append(values + [f"{columns[name][row]:.4f}" for name in TABLE_COLUMNS[3:]])
     screen.table(record.scene["title"], ["step", "p [kPa]", "q/p", "z", "a_c", "a_n", "f/f0"], rows)
+    limited = columns["limited"]
+    if limited.any():
+        screen.say(
+            f"rates were clipped at the limit of realisability in {int(limited.sum())} of {record.details['steps']} "
+            f"steps, first in step {int(columns['step'][limited.argmax()])}"
+        )
     if record.outcome != "finished":
         screen.say(f"{record.outcome} after {record.details['steps']} steps: {record.message}")
     screen.say(

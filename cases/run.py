@@ -231,6 +231,13 @@ def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: 
         f"{size['degrees_of_freedom']} degrees of freedom, {size['integration_points']} integration points; "
         f"{len(history.rows) - 1} steps, {summary.counters.get('factorisations', 0)} factorisations ({summary.solver})"
     )
+    limited = [int(count) for count in columns["limited_points"]]
+    if any(limited):
+        first = next(row for row, count in enumerate(limited) if count)
+        screen.say(
+            f"rates were clipped at the limit of realisability, at up to {max(limited)} of "
+            f"{size['integration_points']} points, first in step {columns['step'][first]}"
+        )
     if record.outcome != "finished":
         screen.say(f"{record.outcome} in stage {summary.stage!r} at {summary.fraction:.0%}: {summary.message}")
     screen.say(
