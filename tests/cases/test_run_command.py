@@ -12,6 +12,8 @@ from xml.etree import ElementTree
 import meshio
 import numpy as np
 import pytest
+from drawn import curves
+from matplotlib.figure import Figure
 
 from cases import files, series
 from cases.screen import Screen
@@ -91,10 +93,35 @@ def test_files_of_a_run(granfabric: Callable, smooth: Path, tmp_path: Path, is_d
     assert {"compilation", "law", "assembly", "factorise", "solve", "output", "total"} <= set(data["timing"])
     assert data["counters"]["steps"] == 5
     assert is_drawn(out / "overview.png")
-    before = (out / "overview.png").read_bytes()
-    (out / "overview.png").unlink()
+
+
+def test_the_picture_of_a_run_is_made_again_from_its_files(
+    granfabric: Callable, smooth: Path, tmp_path: Path, pictures: dict[str, Figure]
+) -> None:
+    """Curves of the history, maps of the files that the series name last: other files, another picture."""
+    out = tmp_path / "out"
+    maps = ("--set", 'output.maps=["displacement_y"]')
+    assert granfabric("run", smooth, "-o", out, "--set", "output.pictures=true", *maps).code == 0
+    pictures.clear()
     assert granfabric("plot", out).code == 0
-    assert (out / "overview.png").read_bytes() == before
+    above, below, moved, *_ = pictures["overview.png"].axes
+    columns = history(out)
+    np.testing.assert_allclose(curves(above)["of the mean stress"][1], columns["q"] / columns["p"], rtol=1e-14)
+    np.testing.assert_allclose(curves(below)["mean"][1], columns["coordination"], rtol=1e-14)
+
+    def shown() -> np.ndarray:
+        return np.asarray(pictures["overview.png"].axes[2].collections[0].get_array())
+
+    last = meshio.read(out / "result_0005.vtu")
+    np.testing.assert_allclose(shown(), 1e6 * last.point_data["displacement"][:, 1], rtol=1e-14)
+    assert shown().min() == pytest.approx(-6.0) and moved.get_title("left") == "Displacement y"
+    # a run that had got no further
+    for name in ("result", "points"):
+        series_file = out / f"{name}.pvd"
+        lines = [line for line in series_file.read_text().splitlines() if "_0005" not in line]
+        series_file.write_text("\n".join(lines) + "\n")
+    assert granfabric("plot", out).code == 0
+    assert shown().min() == pytest.approx(-4.5)
 
 
 def test_history_of_a_run(granfabric: Callable, smooth: Path, tmp_path: Path) -> None:

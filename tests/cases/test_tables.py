@@ -330,8 +330,8 @@ def test_lines_on_accuracy(told: Any) -> None:
     record: Any = SimpleNamespace(timing={"accuracy": 1.5, "run": 4.0})
     assert accuracy_report._field_text(choice, entry, record) == (
         "error estimate: point law 3.0e-05 in each increment (measured by `granfabric cost`), load steps 7.0e-05 in "
-        "the means (against half as many, 1.5 s; the run itself: 4.0 s); mesh 2.0e-04 in the stresses, more than wanted: "
-        "refine it where mesh_error.vtu says"
+        "the means (against half as many, 1.5 s; the run itself: 4.0 s); mesh 2.0e-04 in the stresses, more than "
+        "wanted: refine it where mesh_error.vtu says"
     )
     entry = {"expected": None, "mesh": 2e-5, "load_steps": {"largest": 7e-4}}
     text = accuracy_report._field_text(choice, entry, record)
