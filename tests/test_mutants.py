@@ -1,4 +1,4 @@
-"""The deliberate faults of `tests/mutants` still apply, so that they do not rot; whether tests find them is told there."""
+"""The deliberate faults of `tests/mutants` still apply, so that they do not rot; what finds them is told there."""
 
 from __future__ import annotations
 

@@ -17,29 +17,12 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-import patches  # noqa: E402
-from patches import TREE, Patch, PatchError  # noqa: E402
+import patches
+from patches import TREE, Patch, PatchError
 
 COPIED = ("constitutive", "fem", "dem_ref", "cases", "docs", "tests", "pyproject.toml", "README.md")
 LIMIT = 900
 """Seconds after which a test run counts as one that hangs, which is noticed too."""
-
-
-def cache_root() -> Path:
-    """Where compiled kernels lie, as both packages that compile decide."""
-    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
-        return Path(chosen)
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "granfabric"
-
-
-def shared_cache(folder: Path) -> Path:
-    """A cache that has the kernels of the tree as it is; those of a faulty copy go with the folder."""
-    for part in ("kernels", "dem"):
-        (folder / part).mkdir(parents=True)
-        for entry in (cache_root() / part).glob("*"):
-            (folder / part / entry.name).symlink_to(entry)
-    return folder
 
 
 def try_out(patch: Patch, copy: Path, cache: Path) -> str:
@@ -51,7 +34,7 @@ def try_out(patch: Patch, copy: Path, cache: Path) -> str:
         If the fault does not apply.
     """
     path = copy / patch.file
-    before = path.read_text(encoding="utf-8")
+    before, times = path.read_text(encoding="utf-8"), path.stat()
     path.write_text(patch.applied(before), encoding="utf-8")
     settings = {"PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-rfE", "-p", "no:cacheprovider", "-o", "addopts="]
@@ -73,6 +56,8 @@ def try_out(patch: Patch, copy: Path, cache: Path) -> str:
         return ""
     finally:
         path.write_text(before, encoding="utf-8")
+        # compiled kernels of an unchanged file are good as long as it is as old as it was
+        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
 
 
 def chosen(names: list[str]) -> list[Patch]:
@@ -88,8 +73,10 @@ def run(names: list[str]) -> int:
     """Try the chosen faults; the exit code."""
     survivors, broken = [], []
     with tempfile.TemporaryDirectory(prefix="granfabric-mutants-") as folder:
-        copy, cache = Path(folder) / "tree", shared_cache(Path(folder) / "cache")
+        copy, cache = Path(folder) / "tree", Path(folder) / "cache"
         copy.mkdir()
+        # kernels belong to the place of their source: those of the copy are compiled once, and go with it
+        cache.mkdir()
         for name in COPIED:
             source = TREE / name
             if source.is_dir():
@@ -108,7 +95,8 @@ def run(names: list[str]) -> int:
                 survivors.append(patch.name)
             seconds = time.perf_counter() - since
             print(f"{patch.name}: {finder or 'SURVIVES'} ({seconds:.0f} s)", flush=True)
-    print(f"{len(survivors)} survive{': ' if survivors else ''}{', '.join(survivors)}; {len(broken)} could not be tried")
+    named = f": {', '.join(survivors)}" if survivors else ""
+    print(f"{len(survivors)} survive{named}; {len(broken)} could not be tried")
     return int(bool(survivors or broken))
 
 
