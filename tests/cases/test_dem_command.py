@@ -130,6 +130,19 @@ def test_contact_lines_carry_the_stress(finished: Path) -> None:
         np.testing.assert_allclose(np.diag(stress), recorded, rtol=1e-6)
 
 
+def test_displacements_of_particles_that_leave_the_cell(finished: Path) -> None:
+    """Points are shown within the cell; how far a particle has gone counts from where it was."""
+    sample = load_sample(finished / "packing.npz")
+    moved = sample.copy()
+    shift = sample.cell[0] + 0.25 * sample.cell[1]
+    moved.position = sample.position + shift
+    mesh = dem_series.particle_mesh(moved, sample.position)
+    np.testing.assert_allclose(mesh.point_data["displacement"][:, :2], np.tile(shift, (sample.count, 1)))
+    assert not mesh.point_data["displacement"][:, 2].any()
+    inside = mesh.points[:, :2] @ np.linalg.inv(sample.cell)
+    assert inside.min() >= 0.0 and inside.max() <= 1.0
+
+
 class Interrupting(dem_series.DemSeries):
     """Ctrl-C, once, when the sixth record is written."""
 

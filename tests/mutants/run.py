@@ -49,7 +49,7 @@ def try_out(patch: Patch, copy: Path, cache: Path) -> str:
                 return f"{test} (it does not end)"
             if done.returncode == 0:
                 continue
-            found = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, flags=re.MULTILINE)
+            found = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", done.stdout, flags=re.MULTILINE)
             if found is None:
                 raise PatchError(f"{patch.name}: {test} could not be run: {done.stdout[-300:]}{done.stderr[-300:]}")
             return found[1]
