@@ -87,6 +87,29 @@ def outline_of(mesh: Any) -> Outline:
     return Outline(ends, mesh.f2t[0, facets].astype(np.int64), body[ends[:, 0]])
 
 
+def twin_sides(mesh: Any) -> IntArray:
+    """Pairs of sides of the outline that lie on each other with nodes of their own, as the faces of a crack do.
+
+    Returns
+    -------
+    ndarray of int, shape (n, 2)
+        Numbers of facets.
+    """
+    facets = np.flatnonzero(mesh.f2t[1] < 0)
+    ends = mesh.p.T[mesh.facets[:, facets].T]
+    reach = TOUCH * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    low, high = ends.min(axis=1) - reach[:, None], ends.max(axis=1) + reach[:, None]
+    found = [np.empty((0, 2), dtype=np.int64)]
+    for i, j in overlapping_boxes(low, high, low, high):
+        i, j = i[i < j], j[i < j]
+        apart = [
+            np.linalg.norm(ends[i] - ends[j][:, order], axis=2).max(axis=1) for order in ([0, 1], [1, 0])
+        ]
+        same = np.minimum(*apart) <= np.minimum(reach[i], reach[j])
+        found.append(np.stack([facets[i[same]], facets[j[same]]], axis=1))
+    return np.concatenate(found)
+
+
 def check_topology(mesh: Any, regions: dict[str, IntArray], parts: str = "joined") -> None:
     """Refuse a mesh that is not what it looks like.
 
