@@ -58,7 +58,7 @@ def read_raw(path: Path) -> RawMesh:
     if raw.missing_parts:
         raise MeshError(
             f"it holds {raw.missing_parts} parts of a partitioned mesh; save it whole "
-            "(Mesh.PartitionSplitMeshFiles = 0) or without partitions (Delete the partition, or Mesh.NbPartitions = 0)"
+            "(Mesh.PartitionSplitMeshFiles = 0) or without partitions (gmsh.model.mesh.unpartition())"
         )
     groups = groups_of(raw.blocks, physical_names(file), file.version)
     surfaces = [block for block in raw.blocks if block.kind.dimension == 2 and len(block.nodes)]

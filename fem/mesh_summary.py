@@ -116,8 +116,9 @@ def remarks(host: HostMesh) -> list[str]:
         one_faced = index[other[index] >= 0]
         one_faced = one_faced[~named[other[one_faced]]]
         if one_faced.size:
+            share = "the sides" if one_faced.size == len(index) else f"{one_faced.size} of the {len(index)} sides"
             found.append(
-                f"{one_faced.size} of the {len(index)} sides of the boundary {name!r} are one of two faces with nodes "
-                "of their own, and the other face is in no boundary: what acts on the boundary acts on one face only"
+                f"{share} of the boundary {name!r} lie on one of two faces with nodes of their own, and the other face "
+                "is in no boundary: what acts on the boundary acts on one face only"
             )
     return found

@@ -22,9 +22,9 @@ IntArray = NDArray[np.int64]
 Array = NDArray[np.float64]
 
 TOUCH = 1e-3
-"""Share of a side's length below which a node counts as lying on it, or on its end."""
+"""Share of the size of the cells around below which a node counts as lying on a side, or on another node."""
 OVERLAP = 0.05
-"""Share of its size by which a cell may reach into a cell of another part: curved interfaces with different nodes do."""
+"""Share of its size by which a cell may reach into a cell of another body: curved interfaces with different nodes do."""
 
 PARTS = ("joined", "separate")
 
@@ -79,6 +79,14 @@ def parts_of(mesh: Any) -> IntArray:
     return _components(mesh.f2t[:, mesh.f2t[1] >= 0], mesh.t.shape[1])
 
 
+def _cell_sizes(mesh: Any) -> Array:
+    """Size of each cell across [m]: the least area between two of its sides over its longest side."""
+    corners = mesh.p.T[mesh.t.T]
+    ahead, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    areas = np.abs(ahead[:, :, 0] * back[:, :, 1] - ahead[:, :, 1] * back[:, :, 0])
+    return areas.min(axis=1) / np.linalg.norm(ahead, axis=2).max(axis=1)
+
+
 def outline_of(mesh: Any) -> Outline:
     """Sides of a mesh with one cell."""
     facets = np.flatnonzero(mesh.f2t[1] < 0)
@@ -97,14 +105,12 @@ def twin_sides(mesh: Any) -> IntArray:
     """
     facets = np.flatnonzero(mesh.f2t[1] < 0)
     ends = mesh.p.T[mesh.facets[:, facets].T]
-    reach = TOUCH * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    reach = TOUCH * _cell_sizes(mesh)[mesh.f2t[0, facets]]
     low, high = ends.min(axis=1) - reach[:, None], ends.max(axis=1) + reach[:, None]
     found = [np.empty((0, 2), dtype=np.int64)]
     for i, j in overlapping_boxes(low, high, low, high):
         i, j = i[i < j], j[i < j]
-        apart = [
-            np.linalg.norm(ends[i] - ends[j][:, order], axis=2).max(axis=1) for order in ([0, 1], [1, 0])
-        ]
+        apart = [np.linalg.norm(ends[i] - ends[j][:, order], axis=2).max(axis=1) for order in ([0, 1], [1, 0])]
         same = np.minimum(*apart) <= np.minimum(reach[i], reach[j])
         found.append(np.stack([facets[i[same]], facets[j[same]]], axis=1))
     return np.concatenate(found)
@@ -159,7 +165,7 @@ class _Words:
 
     def between(self, one: int, other: int) -> str:
         """The regions of two cells."""
-        numbers = [int(self._region[cell]) for cell in (one, other)]
+        numbers = sorted((int(self._region[cell]) for cell in (one, other)), key=lambda n: (n < 0, n))
         shown = [f"region {self._names[number]!r}" if number >= 0 else "a cell of no region" for number in numbers]
         return f"in {shown[0]}" if shown[0] == shown[1] else f"between {shown[0]} and {shown[1]}"
 
@@ -192,7 +198,11 @@ class _Neighbours:
         points = mesh.p.T
         start, end = points[outline.ends[:, 0]], points[outline.ends[:, 1]]
         length = np.linalg.norm(end - start, axis=1)
-        reach = TOUCH * length[:, None]
+        of_cell = _cell_sizes(mesh)
+        of_side, of_node = of_cell[outline.cell], np.full(len(points), np.inf)
+        for corner in mesh.t:
+            np.minimum.at(of_node, corner, of_cell)
+        reach = TOUCH * of_side[:, None]
         low, high = np.minimum(start, end) - reach, np.maximum(start, end) + reach
         hanging = [np.empty((0, 3), dtype=np.int64)]
         doubled = [np.empty((0, 4), dtype=np.int64)]
@@ -204,19 +214,20 @@ class _Neighbours:
             for k in (0, 1):  # ends of the side j seen from the side i
                 node = outline.ends[j, k]
                 away = points[node] - start[i]
-                place = np.einsum("ni,ni->n", away, along) / length[i]
-                height = np.abs(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0]) / length[i]
+                place = np.einsum("ni,ni->n", away, along)
+                height = np.abs(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0])
                 own = (mesh.t[:, outline.cell[i]] == node).any(axis=0)
-                on = (height <= TOUCH) & (place > TOUCH) & (place < 1 - TOUCH) & ~own
+                allowed = TOUCH * np.minimum(of_side[i], of_node[node])
+                on = (height <= allowed) & (place > allowed) & (place < length[i] - allowed) & ~own
                 hanging.append(np.stack([node[on], i[on], j[on]], axis=1))
                 for m in (0, 1):
                     mine = outline.ends[i, m]
                     apart = np.linalg.norm(points[node] - points[mine], axis=1)
                     # also for two sides with a common end: a crack ends in one node and opens in two
-                    same = (apart <= TOUCH * np.minimum(length[i], length[j])) & (mine < node)
+                    same = (apart <= TOUCH * np.minimum(of_node[mine], of_node[node])) & (mine < node)
                     doubled.append(np.stack([mine[same], node[same], i[same], j[same]], axis=1))
             half = (i < j) & ~shared
-            crossing.append(_crossing(points, outline, i[half], j[half], length))
+            crossing.append(_crossing(points, outline, i[half], j[half], length, of_side))
         self.hanging = _first_of_each(np.concatenate(hanging), (0, 1))
         self.doubled = _first_of_each(np.concatenate(doubled), (0, 1))
         self.crossing = np.concatenate(crossing)
@@ -226,7 +237,7 @@ def _first_of_each(rows: IntArray, columns: tuple[int, ...]) -> IntArray:
     return rows[np.unique(rows[:, columns], axis=0, return_index=True)[1]]
 
 
-def _crossing(points: Array, outline: Outline, i: IntArray, j: IntArray, length: Array) -> IntArray:
+def _crossing(points: Array, outline: Outline, i: IntArray, j: IntArray, length: Array, size: Array) -> IntArray:
     """Pairs of sides that cross, each with both ends clearly on either side of the other."""
 
     def heights(line: IntArray, other: IntArray) -> Array:
@@ -237,7 +248,7 @@ def _crossing(points: Array, outline: Outline, i: IntArray, j: IntArray, length:
 
     first, second = heights(i, j), heights(j, i)
     least = np.minimum(np.abs(first).min(axis=1), np.abs(second).min(axis=1))
-    allowed = np.where(outline.body[i] == outline.body[j], TOUCH, OVERLAP) * np.minimum(length[i], length[j])
+    allowed = np.where(outline.body[i] == outline.body[j], TOUCH, OVERLAP) * np.minimum(size[i], size[j])
     cross = (first.prod(axis=1) < 0) & (second.prod(axis=1) < 0) & (least > allowed)
     return np.stack([i[cross], j[cross]], axis=1)
 

@@ -36,7 +36,15 @@ KINDS = {
 """By Gmsh's number."""
 
 _SOLID = {4: "tetrahedra", 5: "hexahedra", 6: "prisms", 7: "pyramids"}
-_SOLID |= {11: "tetrahedra", 12: "hexahedra", 13: "prisms", 14: "pyramids", 17: "hexahedra", 18: "prisms", 19: "pyramids"}
+_SOLID |= {
+    11: "tetrahedra",
+    12: "hexahedra",
+    13: "prisms",
+    14: "pyramids",
+    17: "hexahedra",
+    18: "prisms",
+    19: "pyramids",
+}
 _HIGH_ORDER = (*range(20, 29), *range(36, 39), *range(40, 52), *range(62, 67))
 
 

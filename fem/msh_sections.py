@@ -15,7 +15,15 @@ from .mesh_checks import MeshError
 REMEDY = "save it as MSH 4.1 (gmsh -format msh41)"
 
 _SECTION = re.compile(rb"\$(\w+)[ \t]*\r?\n")
-_OF_THE_MESH = ("MeshFormat", "PhysicalNames", "Entities", "PartitionedEntities", "Nodes", "ParametricNodes", "Elements")
+_OF_THE_MESH = (
+    "MeshFormat",
+    "PhysicalNames",
+    "Entities",
+    "PartitionedEntities",
+    "Nodes",
+    "ParametricNodes",
+    "Elements",
+)
 _OLD = ("NOD", "ELM")
 _ONE = {b"\x01\x00\x00\x00": "<", b"\x00\x00\x00\x01": ">"}
 

@@ -18,7 +18,9 @@ _AT_ONCE = 2_000_000
 """Candidates that are looked at together; bounds the memory."""
 
 
-def overlapping_boxes(low: Array, high: Array, other_low: Array, other_high: Array) -> Iterator[tuple[IntArray, IntArray]]:
+def overlapping_boxes(
+    low: Array, high: Array, other_low: Array, other_high: Array
+) -> Iterator[tuple[IntArray, IntArray]]:
     """Pairs of boxes that have a point in common, in portions.
 
     Parameters

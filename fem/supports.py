@@ -52,11 +52,12 @@ def refuse_loose_bodies(space: Space, terms: Sequence[StageTerms]) -> None:
         of_body = body[stage.constrained // 2]
         stiffness = np.zeros((count, 3, 3))
         np.add.at(stiffness, of_body, held[:, :, None] * held[:, None, :])
-        values, vectors = np.linalg.eigh(stiffness)
+        values = np.linalg.eigvalsh(stiffness)
         loose = np.flatnonzero(values[:, 0] <= _FREE * np.maximum(values[:, 2], 1.0))
         if loose.size:
             number = int(loose[0])
-            motion = _MOTIONS[int(np.abs(vectors[number, :, 0]).argmax())]
+            free = [motion for k, motion in enumerate(_MOTIONS) if stiffness[number, k, k] <= _FREE]
+            motion = " and to ".join(free or [_MOTIONS[2]])  # about another point than its middle
             x, y = space.nodes[np.flatnonzero(body == number)[0]]
             raise LoadError(
                 f"stage {stage.stage.name!r}: of the {count} bodies of the mesh the one {_regions(space, body, number)} "
