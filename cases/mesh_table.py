@@ -18,8 +18,8 @@ def row(group: Group) -> list[str]:
     """A group's name, kind, number of sides or cells, length or area."""
     what, unit = _MEASURE[group.kind]
     count = len(group.index)
-    kind = group.kind if group.name else "-"
-    return [group.name or NONE[group.kind], kind, f"{count} {what}{'' if count == 1 else 's'}", f"{group.size:.6g} {unit}"]
+    number = f"{count} {what}{'' if count == 1 else 's'}"
+    return [group.name or NONE[group.kind], group.kind if group.name else "-", number, f"{group.size:.6g} {unit}"]
 
 
 def show(host: HostMesh, screen: Screen, curved: bool = True) -> list[Group]:

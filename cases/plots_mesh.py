@@ -160,7 +160,8 @@ def _cells(axes: Any, host: HostMesh, shown: list[Shown]) -> None:
 def _boundaries(axes: Any, host: HostMesh, groups: list[Group], shown: list[Shown]) -> list[Any]:
     """Draw the boundaries, long ones below and wider than short ones, and list all groups."""
     outline = np.flatnonzero(host.mesh.f2t[1] < 0)
-    axes.add_collection(LineCollection(list(side_lines(host, outline)), colors=BLACK, linewidths=1.0, linestyles="dotted"))
+    dotted = LineCollection(list(side_lines(host, outline)), colors=BLACK, linewidths=1.0, linestyles="dotted")
+    axes.add_collection(dotted)
     curves = sorted((one for one in shown if one.group.kind == "boundary"), key=lambda one: -one.group.size)
     width = {id(one): 5.0 - 2.8 * rank / max(len(curves) - 1, 1) for rank, one in enumerate(curves)}
     for one in curves:
@@ -182,7 +183,7 @@ def _boundaries(axes: Any, host: HostMesh, groups: list[Group], shown: list[Show
     for group in groups:
         if not group.name:
             name, _, count, size = row(group)
-            look = {"color": BLACK, "ls": "dotted", "lw": 1.0}
+            look: dict[str, Any] = {"color": BLACK, "ls": "dotted", "lw": 1.0}
             label = f"{name}: {count}, {size}"
             handles.append(
                 Line2D([], [], label=label, **look)

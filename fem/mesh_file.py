@@ -27,7 +27,7 @@ _STRAIGHT = 1e-6
 
 
 class RawMesh(NamedTuple):
-    """Points, corners of cells, named node pairs, named cells, curved sides, and what is worth saying about the file."""
+    """Points, corners of cells, named node pairs, named cells, curved sides, and what is worth saying of the file."""
 
     points: NDArray[np.float64]
     cells: IntArray
@@ -90,8 +90,8 @@ def _refuse_mixture(surfaces: list[Block]) -> None:
         orders[block.kind.order] += len(block.nodes)
     if len(shapes) > 1:
         raise MeshError(
-            f"it mixes {shapes['triangles']} triangles and {shapes['quadrilaterals']} quadrilaterals, and a mesh has to "
-            "be of one shape: for triangles take `Recombine` out, for quadrilaterals set Mesh.RecombineAll = 1 and "
+            f"it mixes {shapes['triangles']} triangles and {shapes['quadrilaterals']} quadrilaterals, and a mesh has "
+            "to be of one shape: for triangles take `Recombine` out, for quadrilaterals set Mesh.RecombineAll = 1 and "
             "Mesh.SubdivisionAlgorithm = 1"
         )
     if len(orders) > 1:

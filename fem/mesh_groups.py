@@ -125,8 +125,8 @@ def groups_of(blocks: list[Block], names: dict[tuple[int, int], str], version: s
                 f"the file names the {_OURS[dimension]} {name!r}, but no {KINDS[dimension]} of its mesh belongs to it"
             )
     if members and not named:
-        tag = min(members)
-        example = f"{KINDS.get(tag[0], 'curve')} {tag[1]}"
+        key = min(members)
+        example = f"{KINDS.get(key[0], 'curve')} {key[1]}"
         remedy = "; MSH 1 stores none, MSH 4.1 does (gmsh -format msh41)" if version == "1" else ""
         remarks.append(f"no physical group of the file has a name: they go by numbers, such as {example!r}{remedy}")
     if not members:

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 TOUCH = 1e-3
 """Share of the size of the cells around below which a node counts as lying on a side, or on another node."""
 OVERLAP = 0.05
-"""Share of its size by which a cell may reach into a cell of another body: curved interfaces with different nodes do."""
+"""Share of its size by which a cell may reach into one of another body: curved interfaces with different nodes do."""
 
 PARTS = ("joined", "separate")
 
@@ -126,7 +126,7 @@ def check_topology(mesh: Any, regions: dict[str, IntArray], parts: str = "joined
         For the names in messages.
     parts : {"joined", "separate"}
         "separate" admits several parts, parts that touch, and doubled nodes, so that cracks and bodies side by side are
-        possible. Hanging nodes within a body (between cells that common nodes join, though in a roundabout way) and cells
+        possible. Hanging nodes within a body (between cells that common nodes join, if in a roundabout way) and cells
         that overlap are refused either way.
 
     Raises

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ class Numbers:
         return int(text)
 
     def records(self, count: int, ints: int, doubles: int) -> tuple[IntArray, Array]:
-        """The next rows of a table, each some whole numbers, then some others: shapes (count, ints), (count, doubles)."""
+        """The next rows of a table, shapes (count, ints) and (count, doubles): each some whole numbers, then others."""
         if not self._binary:
             rows = self._next("double", count * (ints + doubles)).reshape(count, ints + doubles)
             return self._whole(rows[:, :ints]), rows[:, ints:]
@@ -89,7 +90,7 @@ class Numbers:
         """Sentence about this section."""
         return MeshError(f"its section ${self._section} {what}")
 
-    def _next(self, kind: str, count: int) -> NDArray[np.generic]:
+    def _next(self, kind: str, count: int) -> NDArray[Any]:
         if self._binary:
             return self._bytes(np.dtype(self._kinds[kind]), count)
         if count > self.count_left:
@@ -97,7 +98,7 @@ class Numbers:
         self._place += count
         return self._values[self._place - count : self._place]
 
-    def _bytes(self, kind: np.dtype, count: int) -> NDArray[np.generic]:
+    def _bytes(self, kind: np.dtype, count: int) -> NDArray[Any]:
         if count * kind.itemsize > len(self._data) - self._place:
             raise self.error("is shorter than its counts say")
         taken = np.frombuffer(self._data, dtype=kind, count=count, offset=self._place)

@@ -189,7 +189,9 @@ class _Run:
             if resume is not None:
                 start = resume.stage_start
             else:
-                start = stage_start(self._problem, index, system.displacement, system.internal_force, self._reference)
+                start = stage_start(
+                    self._problem, index, system.displacement, system.internal_force, self._reference
+                )
                 self._reference = start.reference
         system.start_scale(external_force(self._problem, index, start, 0.0))
         target = target_displacement(terms, start)

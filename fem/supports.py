@@ -60,9 +60,9 @@ def refuse_loose_bodies(space: Space, terms: Sequence[StageTerms]) -> None:
             motion = " and to ".join(free or [_MOTIONS[2]])  # about another point than its middle
             x, y = space.nodes[np.flatnonzero(body == number)[0]]
             raise LoadError(
-                f"stage {stage.stage.name!r}: of the {count} bodies of the mesh the one {_regions(space, body, number)} "
-                f"with the node at ({x:.6g}, {y:.6g}) is free to {motion}; hold it by fixed, displacement or fixed_point "
-                f"({loose.size} such {'body' if loose.size == 1 else 'bodies'} in all)"
+                f"stage {stage.stage.name!r}: of the {count} bodies of the mesh the one "
+                f"{_regions(space, body, number)} with the node at ({x:.6g}, {y:.6g}) is free to {motion}; hold it by "
+                f"fixed, displacement or fixed_point (loose bodies: {loose.size})"
             )
 
 

@@ -1,6 +1,6 @@
 """Writes one plain model as a `.msh` file in all the ways that Gmsh has: two layers of a rectangle, 2 m by 1 m.
 
-Written from the description of the format, apart from the reader under test; `tests/fem/meshes` holds files of Gmsh itself.
+Written from the description of the format, apart from the reader under test; `meshes/` holds files of Gmsh itself.
 """
 
 from __future__ import annotations

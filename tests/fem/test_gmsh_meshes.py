@@ -1,4 +1,4 @@
-"""Files that Gmsh itself wrote (`meshes/make_meshes.py`): groups with their lengths and areas, or the reason why not."""
+"""Files that Gmsh itself wrote (`meshes/make_meshes.py`): groups with lengths and areas, or the reason why not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Physical groups of Gmsh files: one plain model in all the ways that it can be written has the same lengths and areas."""
+"""Physical groups of Gmsh files: one plain model, written in all ways, has the same lengths and areas."""
 
 from __future__ import annotations
 
@@ -234,7 +234,7 @@ def test_what_is_in_no_group_is_counted(tmp_path):
 def test_a_taken_name_is_refused(tmp_path):
     of = (*GROUPS, (1, 17, None, (3,)), (1, 30, "curve 17", (1,)))
     with pytest.raises(
-        MeshError, match="physical curve 17 has no name and another is named 'curve 17'.*give it a name"
+        MeshError, match=r"physical curve 17 has no name and another is named 'curve 17'.*give it a name"
     ):
         read_mesh(write_msh(tmp_path / "a.msh", groups=of))
     # a surface of that name is another thing
@@ -255,13 +255,13 @@ def test_one_of_several_files_of_a_mesh_is_refused(tmp_path):
     kept, k, total, blocks = [], 1, 0, 0
     while not rows[k].startswith("$"):
         dimension, tag, _, count = map(int, rows[k].split())
-        part = [line.split() for line in head.splitlines() if line.startswith(f"{tag} {dimension} ")][0][4]
+        part = next(line.split() for line in head.splitlines() if line.startswith(f"{tag} {dimension} "))[4]
         if part == "1":
             kept += rows[k : k + 1 + count]
             total, blocks = total + count, blocks + 1
         k += 1 + count
     path.write_text(f"{head}$Elements\n{blocks} {total} 1 {total}\n" + "\n".join(kept) + "\n$EndElements\n")
-    with pytest.raises(MeshError, match="holds 1 of 2 parts of a partitioned mesh; .*PartitionSplitMeshFiles = 0"):
+    with pytest.raises(MeshError, match=r"holds 1 of 2 parts of a partitioned mesh; .*PartitionSplitMeshFiles = 0"):
         read_mesh(path)
 
 
@@ -297,7 +297,7 @@ def test_what_is_not_held_is_counted_and_has_a_remedy(tmp_path, version, monkeyp
         return str(caught.value)
 
     def quads(elements):
-        kind, rows = elements[2, 2]
+        rows = elements[2, 2][1]
         elements[2, 2] = (3, np.stack([rows[::2, 0], rows[::2, 1], rows[::2, 2], rows[1::2, 2]], axis=1))
 
     told = write(quads)
