@@ -1,7 +1,7 @@
 """Gmsh files to raw arrays: plane coordinates, one shape of cells, physical groups by name.
 
-The file is read here and not by meshio, which keeps one physical group of a curve or surface that has several, compares
-signs of groups, and refuses partitioned and parametric files, some names, and results on part of the elements.
+The file is read here and not by meshio, which compares groups with their sign, mixes up a curve and a surface of one
+name, and cannot read partitioned and parametric files, MSH 4.0 as Gmsh writes it, and MSH 1.
 """
 
 from __future__ import annotations
