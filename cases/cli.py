@@ -184,6 +184,28 @@ def convergence(
 
 
 @app.command()
+def mesh(
+    target: Annotated[str, typer.Argument(metavar="FILE", help="A Gmsh file (.msh), or a scene with a mesh.")],
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("-o", "--output", metavar="FILE.png", help="Picture; NAME_mesh.png if not given."),
+    ] = None,
+    assignments: SetOption = None,
+    parts: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            "--parts", metavar="WORD", help="Of a .msh file: joined (one body), or separate (bodies, cracks)."
+        ),
+    ] = None,
+) -> None:
+    """Look at a mesh: its boundaries and regions with their sizes, and a picture with their names."""
+    from .mesh_command import run_mesh
+    from .screen import Screen
+
+    run_mesh(target, output, assignments or [], parts, Screen())
+
+
+@app.command()
 def schema() -> None:
     """Print the JSON schema of scene files, from which editors take completion and checks."""
     from .schema import schema_text

@@ -41,7 +41,8 @@ def check_groups(loaded: LoadedScene, mesh: HostMesh) -> None:
     for keys, what, name in _named(loaded.scene):
         if name not in groups[what]:
             key = ".".join(str(part) for part in keys)
-            raise loaded.error(keys, f"{key}: {unknown(f'the {what}', name, groups[what])}")
+            why = "".join(f" ({text})" for text in mesh.remarks[:2])
+            raise loaded.error(keys, f"{key}: {unknown(f'the {what}', name, groups[what])}{why}")
 
 
 def named_boundaries(scene: Any) -> tuple[list[str], list[str]]:

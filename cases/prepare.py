@@ -77,7 +77,7 @@ def read_or_make_mesh(loaded: LoadedScene) -> HostMesh:
     if mesh.file is None:
         _refuse_too_many_cells(loaded)
     try:
-        made = read_mesh(loaded.file.parent / mesh.file) if mesh.file is not None else _shape(mesh)
+        made = read_mesh(loaded.file.parent / mesh.file, mesh.parts) if mesh.file is not None else _shape(mesh)
     except MeshError as error:
         key = "file" if mesh.file is not None else next(name for name in SHAPES if getattr(mesh, name) is not None)
         raise loaded.error(["mesh", key], f"mesh.{key}: {error}") from error

@@ -17,7 +17,7 @@ from fem.output import OutputError
 from fem.results import RunSummary, StepResult
 from fem.stepping import solve
 
-from . import comparison, effects_audit, effects_choice, effects_report, files, mesh_judgement, resumption
+from . import comparison, effects_audit, effects_choice, effects_report, files, mesh_judgement, mesh_table, resumption
 from .compile_watch import CompileWatch, watching
 from .early_kernels import EarlyKernels
 from .effects_settle import settle_field
@@ -71,6 +71,8 @@ def run_field(
         earlier = resumption.earlier_record(folder) if resume else None
         effects_choice.check(loaded)
         prepared = prepare(loaded)
+        second_order = loaded.scene.mesh.element.endswith("2")
+        mesh_table.show(prepared.problem.space.host_mesh, screen, second_order)
         waited = 0.0 if earlier is not None else _compile(kernels, watch, stop, loaded.scene.output.pictures)
         loaded, prepared, decision = settle_field(loaded, prepared, earlier, stop())
         problem = prepared.problem
@@ -87,6 +89,7 @@ def run_field(
                 return record
             resumed = _last_checkpoint(checkpoints, earlier, screen)
         record.details["mesh_digest"] = digest
+        record.details["mesh_groups"] = mesh_table.as_data(problem.space.host_mesh, second_order)
         record.details["size"] = {
             "elements": problem.space.nelements,
             "degrees_of_freedom": problem.space.ndofs,

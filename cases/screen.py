@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 PLAIN_WIDTH = 130
 """Least width of tables that go to a file or a pipe."""
@@ -56,7 +57,7 @@ class Screen:
         for name in names:
             table.add_column(name, justify="left" if name in words else "right", no_wrap=True)
         for row in rows:
-            table.add_row(*row)
+            table.add_row(*(Text(cell) for cell in row))  # names with brackets are no markup
         self.console.print(title, markup=False, soft_wrap=True, style="bold")
         self.console.print(table)
 

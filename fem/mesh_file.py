@@ -1,26 +1,40 @@
-"""Gmsh files to raw arrays: plane coordinates, one kind of element, physical groups by name."""
+"""Gmsh files to raw arrays: plane coordinates, one shape of cells, physical groups by name.
+
+The file is read here and not by meshio, which compares groups with their sign, mixes up a curve and a surface of one
+name, and cannot read partitioned and parametric files, MSH 4.0 as Gmsh writes it, and MSH 1.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
+from typing import NamedTuple
 
-import meshio
 import numpy as np
 from numpy.typing import NDArray
 
-from .foreign_files import ForeignFileError, guarded
 from .mesh_checks import MeshError
-from .mesh_file_checks import check_sections
+from .mesh_groups import groups_of, physical_names
+from .msh_elements import Block, IntArray, RawFile
+from .msh_new import read_new
+from .msh_old import read_old
+from .msh_sections import split_sections
 
-IntArray = NDArray[np.int64]
 Sides = tuple[IntArray, NDArray[np.float64]]
-RawMesh = tuple[NDArray[np.float64], IntArray, dict[str, IntArray], dict[str, IntArray], Sides]
 
-_CORNERS = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "quad9": 4}
-_LINES = ("line", "line3")
-_IGNORED = ("vertex",)
 # Relative distance of a midside node from the middle of its edge beyond which the edge counts as curved.
 _STRAIGHT = 1e-6
+
+
+class RawMesh(NamedTuple):
+    """Points, corners of cells, named node pairs, named cells, curved sides, and what is worth saying of the file."""
+
+    points: NDArray[np.float64]
+    cells: IntArray
+    lines: dict[str, IntArray]
+    regions: dict[str, IntArray]
+    sides: Sides
+    remarks: tuple[str, ...]
 
 
 def read_raw(path: Path) -> RawMesh:
@@ -39,54 +53,109 @@ def read_raw(path: Path) -> RawMesh:
         data = path.read_bytes()
     except OSError as error:
         raise MeshError(f"it cannot be read: {error.strerror}") from None
-    check_sections(data)
-    try:
-        with guarded(len(data)):
-            raw = meshio.gmsh.read(str(path))
-    except ForeignFileError as error:
-        raise MeshError(f"it cannot be read as Gmsh MSH 2.2 or 4.1 ({error})") from None
-    kinds = [block.type for block in raw.cells]
-    for kind in kinds:
-        if kind not in _CORNERS and kind not in _LINES and kind not in _IGNORED:
-            raise MeshError(
-                f"it is not a plane mesh of triangles or quadrilaterals: it holds elements of type {kind!r}"
-            )
-    surface = sorted({kind for kind in kinds if kind in _CORNERS})
-    if not surface:
+    file = split_sections(data)
+    raw = read_old(file) if file.version in ("1", "2") else read_new(file)
+    if raw.missing_parts:
+        raise MeshError(
+            f"it holds {raw.missing_parts} parts of a partitioned mesh; save it whole "
+            "(Mesh.PartitionSplitMeshFiles = 0) or without partitions (gmsh.model.mesh.unpartition())"
+        )
+    groups = groups_of(raw.blocks, physical_names(file), file.version)
+    surfaces = [block for block in raw.blocks if block.kind.dimension == 2 and len(block.nodes)]
+    _refuse_mixture(surfaces)
+    find = _NodeFinder(raw)
+    kind = surfaces[0].kind
+    width = min(block.nodes.shape[1] for block in surfaces)
+    cells = find(np.concatenate([block.nodes[:, :width] for block in surfaces]), kind.name)
+    points = _plane_points(raw.points, cells)
+    regions = groups.surfaces
+    if file.version in ("1", "2"):
+        entity = np.concatenate([block.entity for block in surfaces])
+        cells, regions = _merged(cells, kind.corners, regions, entity)
+    curves = [block for block in raw.blocks if block.kind.dimension == 1]
+    ends = np.concatenate([np.empty((0, 2), dtype=np.int64), *(block.nodes[:, :2] for block in curves)])
+    lines = {name: find(ends[index], "lines") for name, index in groups.curves.items()}
+    sides = _curved_sides(points, cells, kind.corners)
+    return RawMesh(points, cells[:, : kind.corners], lines, regions, sides, groups.remarks)
+
+
+def _refuse_mixture(surfaces: list[Block]) -> None:
+    """See that there are cells, and of one shape and order."""
+    if not surfaces:
         raise MeshError("it has no triangles or quadrilaterals; was a physical surface named and meshed in 2D?")
-    if len(surface) > 1:
-        raise MeshError(f"it mixes element types {', '.join(surface)}; use one")
-    points = _plane_points(np.asarray(raw.points, dtype=np.float64))
-    cells = np.concatenate([block.data for block in raw.cells if block.type == surface[0]]).astype(np.int64)
-    _refuse_unknown_nodes(raw, len(points))
-    sides = _curved_sides(points, cells, _CORNERS[surface[0]])
-    names = {(int(tag), int(dim)): name for name, (tag, dim) in raw.field_data.items()}
-    lines = _named(raw, names, _LINES, 1)
-    regions = _named(raw, names, (surface[0],), 2)
-    pairs = {
-        name: np.concatenate([block.data[:, :2] for block in raw.cells if block.type in _LINES])[index].astype(np.int64)
-        for name, index in lines.items()
-    }
-    return points, cells[:, : _CORNERS[surface[0]]], pairs, regions, sides
+    shapes: Counter[str] = Counter()
+    orders: Counter[int] = Counter()
+    for block in surfaces:
+        shapes[block.kind.name] += len(block.nodes)
+        orders[block.kind.order] += len(block.nodes)
+    if len(shapes) > 1:
+        raise MeshError(
+            f"it mixes {shapes['triangles']} triangles and {shapes['quadrilaterals']} quadrilaterals, and a mesh has "
+            "to be of one shape: for triangles take `Recombine` out, for quadrilaterals set Mesh.RecombineAll = 1 and "
+            "Mesh.SubdivisionAlgorithm = 1"
+        )
+    if len(orders) > 1:
+        raise MeshError(
+            f"it mixes {orders[1]} {surfaces[0].kind.name} of first and {orders[2]} of second order; set "
+            "Mesh.ElementOrder once, for all surfaces"
+        )
 
 
-def _refuse_unknown_nodes(raw: meshio.Mesh, count: int) -> None:
-    """The reader gives nodes that the file does not define the number -1, which NumPy takes for the last one."""
-    for block in raw.cells:
-        if block.type not in _IGNORED and len(block.data) and not (0 <= block.data.min() <= block.data.max() < count):
-            raise MeshError(f"an element of type {block.type!r} names a node that the file does not define")
+class _NodeFinder:
+    """Places of nodes by their numbers in the file."""
+
+    def __init__(self, raw: RawFile) -> None:
+        self._order = np.argsort(raw.tags, kind="stable")
+        self._tags = raw.tags[self._order]
+        twice = np.flatnonzero(self._tags[1:] == self._tags[:-1])
+        if twice.size:
+            raise MeshError(f"it defines the node {self._tags[twice[0]]} twice")
+
+    def __call__(self, tags: IntArray, name: str) -> IntArray:
+        place = np.minimum(np.searchsorted(self._tags, tags), max(len(self._tags) - 1, 0))
+        if not len(self._tags) or (self._tags[place] != tags).any():
+            unknown = tags.flat[0] if not len(self._tags) else tags[self._tags[place] != tags][0]
+            raise MeshError(f"one of its {name} names the node {unknown}, which the file does not define")
+        return self._order[place]
 
 
-def _plane_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    if points.shape[1] == 2:
-        return points
-    spread = np.ptp(points, axis=0)
+def _plane_points(points: NDArray[np.float64], cells: IntArray) -> NDArray[np.float64]:
+    """Coordinates in the plane; only nodes of cells have to lie in it."""
+    used = points[np.unique(cells)]
+    with np.errstate(over="ignore", invalid="ignore"):
+        spread = np.ptp(used, axis=0)
+    if not np.isfinite(spread).all():  # told later, with the coordinate
+        return points[:, :2]
     if spread[2] > 1e-9 * max(spread[0], spread[1], 1e-300):
-        raise MeshError(f"it is not plane: z runs from {points[:, 2].min():.6g} to {points[:, 2].max():.6g}")
+        other = [name for name, size in zip("xy", spread) if size <= 1e-9 * spread[2]]
+        remedy = f"; all {other[0]} are equal: turn it into the x-y plane" if other else ""
+        raise MeshError(f"it is not plane: z runs from {used[:, 2].min():.6g} to {used[:, 2].max():.6g}{remedy}")
     return points[:, :2]
 
 
-def _curved_sides(points: NDArray[np.float64], cells: IntArray, corners: int) -> tuple[IntArray, NDArray[np.float64]]:
+def _merged(
+    cells: IntArray, corners: int, regions: dict[str, IntArray], entity: IntArray
+) -> tuple[IntArray, dict[str, IntArray]]:
+    """Each cell once, where the file writes it once for every group that it is in.
+
+    Cells with the same corners that are parts of different surfaces in one group lie on top of each other: they stay
+    two, and are refused later.
+    """
+    _, first, inverse = np.unique(np.sort(cells[:, :corners], axis=1), axis=0, return_index=True, return_inverse=True)
+    inverse = inverse.ravel()
+    if len(first) == len(cells):
+        return cells, regions
+    for index in regions.values():
+        places = np.unique(np.stack([inverse[index], entity[index]], axis=1), axis=0)
+        if (places[1:, 0] == places[:-1, 0]).any():
+            return cells, regions
+    order = np.argsort(first)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[order] = np.arange(len(first))
+    return cells[first[order]], {name: np.unique(rank[inverse[index]]) for name, index in regions.items()}
+
+
+def _curved_sides(points: NDArray[np.float64], cells: IntArray, corners: int) -> Sides:
     """Sides of second-order elements whose midside node is not in the middle between their ends."""
     pairs, middles = [np.empty((0, 2), dtype=np.int64)], [np.empty((0, 2))]
     for side in range(corners if cells.shape[1] >= 2 * corners else 0):
@@ -97,26 +166,3 @@ def _curved_sides(points: NDArray[np.float64], cells: IntArray, corners: int) ->
         pairs.append(ends[curved])
         middles.append(middle[curved])
     return np.concatenate(pairs), np.concatenate(middles)
-
-
-def _named(
-    raw: meshio.Mesh, names: dict[tuple[int, int], str], types: tuple[str, ...], dimension: int
-) -> dict[str, IntArray]:
-    """Element numbers, counted over all blocks of the given types, of each physical group of that dimension."""
-    blocks = [i for i, block in enumerate(raw.cells) if block.type in types]
-    offsets = np.concatenate([[0], np.cumsum([len(raw.cells[i].data) for i in blocks])]).astype(np.int64)
-    tags = raw.cell_data.get("gmsh:physical")
-    groups: dict[str, IntArray] = {}
-    for (tag, dim), name in names.items():
-        if dim != dimension:
-            continue
-        members = []
-        for offset, i in zip(offsets, blocks):
-            if name in raw.cell_sets and raw.cell_sets[name][i] is not None:
-                members.append(offset + np.asarray(raw.cell_sets[name][i], dtype=np.int64))
-            elif tags is not None and name not in raw.cell_sets:
-                members.append(offset + np.flatnonzero(tags[i] == tag))
-        index = np.unique(np.concatenate(members)) if members else np.empty(0, dtype=np.int64)
-        if index.size:
-            groups[name] = index
-    return groups

@@ -12,6 +12,7 @@ from constitutive.contract import Law
 from .load_program import LoadProgram
 from .loads import INITIAL, LoadError, Stage
 from .space import Space
+from .supports import refuse_loose_bodies
 
 Array = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ class Problem:
     Raises
     ------
     LoadError
-        If the stages contradict each other or an array has the wrong shape.
+        If the stages contradict each other, an array has the wrong shape, or one of several bodies is not held.
     MeshError
         If a load names something that the mesh does not have.
     """
@@ -61,6 +62,7 @@ class Problem:
         self.law = law
         self.stages = list(stages)
         self.program = LoadProgram(space, self.stages)
+        refuse_loose_bodies(space, self.program.terms)
         self.balance_initial_stress = balance_initial_stress
         stress = np.zeros(3) if initial_stress is None else np.asarray(initial_stress, dtype=np.float64)
         if stress.shape not in ((3,), (space.npoints, 3)) or not np.isfinite(stress).all():
