@@ -10,6 +10,9 @@ The whole boundary between material and solver:
   its start values), so that nothing uninitialised can leak. The host commits by swapping, reverts by not swapping.
 * Nothing else is remembered: the same increment may be asked again and again. A zero increment changes nothing and
   returns the tangent.
+* What is handed over is checked before a kernel sees it (`arrays`): a wrong shape, kind, index or code is a ValueError,
+  and so is an array to be written that is read-only or shares memory with another one. Arrays that are only read may
+  be anything that turns into such an array; read-only, strided or of other numbers they are copied.
 * No exception leaves a kernel. Each point has a status; the report names the worst point and a step factor.
 """
 
