@@ -303,7 +303,12 @@ def update_arrays(
     npt = len(given)
     if not isinstance(tangent_kind, str) or tangent_kind not in TANGENT_KINDS:
         raise ValueError(f"tangent_kind = {tangent_kind!r} is not one of {', '.join(TANGENT_KINDS)}")
-    stress = read("stress_start", stress_start, (npt, 3))
+    stress = read("stress_start", stress_start, (ANY, 3))
+    if len(stress) != npt:
+        raise ArrayError(
+            f"{first} has the shape {given.shape}, stress_start {stress.shape}: all arrays of a call are of one number "
+            "of points"
+        )
     state = read("state_start", state_start, (npt, nstate))
     inputs: list[tuple[str, NDArray[Any], object]] = [
         (first, given, increment),

@@ -230,7 +230,7 @@ class ContactLaw:
             if variable.name in values:
                 value = values[variable.name]
                 columns = self.description.columns(variable.name)
-                state[:, columns] = value.reshape(npt, value.size // max(npt, 1))[:, : variable.components]
+                state[:, columns] = value[:, None] if value.ndim == 1 else value[:, : variable.components]
         self._check_state(state, stress)
         return state
 
