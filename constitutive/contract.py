@@ -54,7 +54,7 @@ STATUS_TEXT: dict[Status, str] = {
     Status.STIFFNESS_LOST: "the stiffness is no longer positive definite in this state; try a smaller step",
     Status.TOO_MANY_SUBSTEPS: "the error tolerance was not met within the allowed number of substeps; "
     "try a smaller step or a looser tolerance",
-    Status.NOT_FINITE: "the input holds a value that is not finite",
+    Status.NOT_FINITE: "the input holds a value that is not finite, or one so large that the result is not",
     Status.NOT_CONVERGED: "the local equations did not converge; try a smaller step",
     Status.BEYOND_PEAK: "the stress is outside the cone of sliding or shall pass its peak stress ratio, which no "
     "strain can reach; prescribe strain in at least one component, or a smaller stress ratio",
