@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .arrays import stress_and_index, update_arrays
 from .compilation import compiled
 from .contract import Array, LawDescription, Status, TangentKind, UpdateReport, Variable
-from .parameters import ParameterError, is_number, rows_of
+from .parameters import ParameterError, is_number, is_within, rows_of
 from .threads import FEWEST_CHEAP_POINTS, run_in_threads
 
 OK, NOT_FINITE = int(Status.OK), int(Status.NOT_FINITE)
@@ -32,7 +32,7 @@ def check_parameters(variables: Sequence[Variable], values: Sequence[float]) -> 
     for variable, value in zip(variables, values):
         if not is_number(value):
             raise ParameterError(f"{variable.name} = {value!r} is not a finite number")
-        if not variable.lower <= value <= variable.upper:
+        if not is_within(value, variable.lower, variable.upper):
             raise ParameterError(
                 f"{variable.name} = {value!r} is outside [{variable.lower:g}, {variable.upper:g}] "
                 f"({variable.meaning}, unit {variable.unit})"

@@ -31,6 +31,13 @@ def is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, bool)
 
 
+def is_within(value: object, low: float, high: float) -> bool:
+    """Whether this is a real number within bounds; NaN is not."""
+    # as Python's own number: a bound would be rounded to the precision of a float32
+    number: Any = value.item() if isinstance(value, np.generic) else value
+    return is_number(value) and bool(low <= number <= high)
+
+
 def is_integer(value: object) -> bool:
     """Whether this is an integer and no truth value."""
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
@@ -203,7 +210,7 @@ class Material:
             value = getattr(self, variable.name)
             if not is_number(value):
                 raise ParameterError(f"material.{variable.name} = {value!r} is not a number")
-            if not variable.lower <= value <= variable.upper:
+            if not is_within(value, variable.lower, variable.upper):
                 raise ParameterError(
                     f"material.{variable.name} = {value!r} is outside its physical bounds "
                     f"[{variable.lower:g}, {variable.upper:g}] ({variable.meaning}, unit {variable.unit})"
@@ -293,7 +300,7 @@ class Closure:
         _check_choice("closure", "shear_stiffness", self.shear_stiffness, get_args(ShearStiffness))
         for name, most in CLOSURE_NUMBERS.items():
             value = getattr(self, name)
-            if not is_number(value) or not 0.0 <= value <= most:
+            if not is_within(value, 0.0, most):
                 raise ParameterError(f"closure.{name} = {value!r} is not a number in [0, {most:g}]")
         if self.tangential == "frictional" and self.force_change != "shifted_distribution":
             raise ParameterError(
@@ -342,7 +349,7 @@ class Integration:
     def __post_init__(self) -> None:
         _check_choice("integration", "integrator", self.integrator, get_args(Integrator))
         _check_choice("integration", "arc_integration", self.arc_integration, get_args(ArcIntegration))
-        if not is_number(self.tolerance) or not 1e-14 <= self.tolerance <= 1.0:
+        if not is_within(self.tolerance, 1e-14, 1.0):
             raise ParameterError(f"integration.tolerance = {self.tolerance!r} is not a number in [1e-14, 1]")
         for name, least, most in (
             ("substeps", 0, 10_000_000),

@@ -11,12 +11,14 @@ import numpy as np
 from .arrays import finite
 from .contract import STATUS_TEXT, Array, Status
 from .law import ContactLaw
-from .parameters import ParameterError, is_integer, is_number
+from .parameters import ParameterError, is_integer, is_within
 
 Control = Literal["stress", "strain"]
 
 LARGEST = 1e300
 """Size beyond which a stress or a strain counts as infinite."""
+
+MOST_INCREMENTS = 10_000_000
 
 POINT_COLUMNS = (
     "step",
@@ -55,7 +57,7 @@ SLIDING_COLUMNS = ("plastic_shear_strain", "plastic_volumetric_strain", "plastic
 
 
 def _is_finite(value: object) -> bool:
-    return is_number(value) and bool(abs(value) <= LARGEST)  # type: ignore[arg-type]
+    return is_within(value, -LARGEST, LARGEST)
 
 
 def _is_three(value: object) -> bool:
@@ -85,8 +87,10 @@ class Leg:
     rotation_degrees: float | None = None
 
     def __post_init__(self) -> None:
-        if not is_integer(self.increments) or self.increments < 1:
-            raise ParameterError(f"path.increments = {self.increments!r} is not a positive integer")
+        if not is_integer(self.increments) or not 1 <= self.increments <= MOST_INCREMENTS:
+            raise ParameterError(
+                f"path.increments = {self.increments!r} is not a positive integer up to {MOST_INCREMENTS}"
+            )
         if (self.target is None) == (self.rotation_degrees is None):
             raise ParameterError("a leg of a path needs either target (with control) or rotation_degrees, not both")
         if not _is_three(self.control) or any(str(entry) not in ("stress", "strain") for entry in self.control):

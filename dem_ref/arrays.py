@@ -26,6 +26,13 @@ def is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
+def is_within(value: object, low: float, high: float) -> bool:
+    """Whether this is a real number within bounds; NaN is not."""
+    # as Python's own number: a bound would be rounded to the precision of a float32
+    plain: Any = value.item() if isinstance(value, np.generic) else value
+    return is_number(value) and bool(low <= plain <= high)
+
+
 def is_whole(value: object) -> bool:
     """Whether this is an integer and no truth value."""
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
@@ -38,7 +45,7 @@ def number(name: str, value: Any, low: float, high: float) -> float:
     ------
     SampleError
     """
-    if not is_number(value) or not low <= value <= high:
+    if not is_within(value, low, high):
         raise SampleError(f"{name} is {value}, legal are {low:g} to {high:g}")
     return float(value)
 
@@ -170,3 +177,16 @@ def _whole_numbers(
     if array.size and not (low <= int(array.min()) and int(array.max()) <= high):
         raise SampleError(f"{name} must be {wanted}, but runs from {array.min()} to {array.max()}")
     return np.require(array, kind, ["C", "A", "W"])
+
+
+def disks(position: object, radius: object) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Centres (n, 2) and radii (n,) of the same disks.
+
+    Raises
+    ------
+    SampleError
+    """
+    at, size = numbers("position", position, (ANY, 2)), numbers("radius", radius, (ANY,))
+    if len(at) != len(size):
+        raise SampleError(f"position has the shape {at.shape}, radius {size.shape}: they are not of the same disks")
+    return at, size

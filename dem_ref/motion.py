@@ -28,7 +28,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_ref.arrays import changed_in_place, finite, is_number, whole
+from dem_ref.arrays import changed_in_place, finite, is_within, whole
 from dem_ref.neighbours import NearPairs, find_near_pairs, most_neighbours
 from dem_ref.sample import Sample, SampleError
 from dem_ref.stepping import (
@@ -75,7 +75,7 @@ class Control:
         """
         for name, shape in (("drive", (3,)), ("gain", (3, 3)), ("target", (3,)), ("target_rate", (3,))):
             setattr(self, name, finite(name, getattr(self, name), shape))
-        if not is_number(self.fastest_rate) or not self.fastest_rate >= 0.0:
+        if not is_within(self.fastest_rate, 0.0, np.inf):
             raise SampleError(f"fastest_rate is {self.fastest_rate}, legal are values >= 0")
         self.fastest_rate = float(self.fastest_rate)
 
@@ -110,16 +110,18 @@ class Motion:
         refresh: float = REFRESH,
         threads: int = 1,
     ) -> None:
-        if threads not in (1, 2):
+        if not is_within(threads, 1, 2) or threads not in (1, 2):
             raise SampleError(f"threads is {threads}, legal are 1 and 2")
         if not isinstance(sample, Sample):
             raise SampleError(f"sample is {sample!r}, not a sample")
         sample.bring_into_form()
-        if not is_number(step) or not 0.0 < step <= 0.5:
+        if not is_within(step, 1e-12, 0.5):
             raise SampleError(f"step is {step}, legal are 0 < dt sqrt(kn/m) <= 0.5")
-        if not is_number(damping) or not 0.0 <= damping < 1.0:
+        if not is_within(damping, 0.0, 1.0) or damping == 1.0:
             raise SampleError(f"damping is {damping}, legal are 0 <= damping < 1")
-        if not (is_number(refresh) and is_number(skin)) or not 0.0 < 4.0 * refresh <= skin <= LARGEST_SKIN:
+        if not (is_within(refresh, 0.0, 1.0) and is_within(skin, 0.0, 1.0)) or not (
+            0.0 < 4.0 * refresh <= skin <= LARGEST_SKIN
+        ):
             raise SampleError(
                 f"refresh is {refresh} with skin {skin}, legal are 0 < refresh <= skin/4 and skin <= {LARGEST_SKIN}"
             )
@@ -140,6 +142,7 @@ class Motion:
         self._velocity[:, :2] = sample.velocity
         self._velocity[:, 2] = sample.spin
         self._force = np.zeros((2, sample.count, 4))
+        self._taken = np.zeros(1, np.int64)
         self._room = -1.0  # travel left before the list of neighbours is stale
         self._pairs: NearPairs | None = None
         self._arrays: tuple[NDArray, NDArray, NDArray, NDArray] | None = None
@@ -192,10 +195,11 @@ class Motion:
             raise UnstableMotionError(f"the motion lost its stability after {self.steps_done} steps: reduce the step")
         return done
 
-    def _take(self, steps: int, control: Control, take_steps: Callable[..., int]) -> int:
+    def _take(self, steps: int, control: Control, take_steps: Callable[..., None]) -> int:
         sample = self.sample
         kn = sample.normal_stiffness
         done, count = 0, -1
+        self._taken[0] = 0
         try:
             while done < steps:
                 if self._room <= 0.0:
@@ -208,19 +212,22 @@ class Motion:
                     pairs.second, pairs.image, pairs.tangential, 2.0 * self._refresh, first, second, branch, source,
                 )  # fmt: skip
                 # a single step may overshoot the allowed travel; the margin of two leaves room for one such step
-                done += take_steps(
+                self._taken[0] = 0
+                take_steps(
                     steps - done, self._refresh, self._longest, count, first, second, branch, self._velocity,
                     self._force, sample.position, sample.cell, sample.strain_rate, sample.strain, self.stress,
                     control.target, control.target_rate, control.drive, control.gain, control.fastest_rate, kn,
                     kn * sample.stiffness_ratio, sample.friction, self.step, self.damping, self.tally, self.measures,
+                    self._taken,
                 )  # fmt: skip
                 write_back(pairs.tangential, source, branch, count)
-                count = -1
+                done, count = done + int(self._taken[0]), -1
                 self._room -= self.measures[TRAVEL]
                 self.refreshes += 1
         finally:
             if count >= 0:  # interrupted between the steps and what belongs to them
                 write_back(pairs.tangential, source, branch, count)
+                done += int(self._taken[0])
                 self._room = -1.0
             self.steps_done += done
             sample.velocity = self._velocity[:, :2].copy()

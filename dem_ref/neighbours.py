@@ -13,7 +13,7 @@ from math import floor, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_ref.arrays import ANY, SampleError, finite, images, indices, is_number, numbers
+from dem_ref.arrays import SampleError, disks, finite, images, indices, is_within, numbers
 from dem_ref.compilation import compiled
 
 FARTHEST = 120
@@ -175,13 +175,13 @@ def find_near_pairs(
     SampleError
         If an array has another shape or kind, or values that no packing has.
     """
-    radius = finite("radius", radius, (ANY,))
+    position, radius = disks(position, radius)
     n = len(radius)
-    position = finite("position", position, (n, 2))
+    position, radius = finite("position", position, (n, 2)), finite("radius", radius, (n,))
     cell = finite("cell", cell, (2, 2))
     if not n or not radius.min() > 0.0:
         raise SampleError("a list of neighbours needs disks with positive radii")
-    if not is_number(skin) or not np.isfinite(float(skin)):
+    if not is_within(skin, -1e300, 1e300):
         raise SampleError(f"skin is {skin}, legal are finite values")
     skin = float(skin)
     reach = 2.0 * float(radius.max()) + skin

@@ -14,7 +14,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_ref.arrays import ANY, SampleError, changed_in_place, finite, number, whole
+from dem_ref.arrays import SampleError, changed_in_place, disks, finite, number, whole
 from dem_ref.compilation import compiled
 from dem_ref.neighbours import NearPairs, find_near_pairs, most_neighbours
 
@@ -217,8 +217,8 @@ def relax(
         If an array has another shape or kind, cannot be written, or a number is out of bounds.
     CellTooSmallError
     """
-    radius = finite("radius", radius, (ANY,))
-    n = len(radius)
+    n = len(disks(position, radius)[1])
+    radius = finite("radius", radius, (n,))
     position = changed_in_place("position", position, (n, 2))
     cell = changed_in_place("cell", cell, (2, 2))
     if any(np.may_share_memory(*both) for both in ((position, cell), (position, radius), (cell, radius))):

@@ -13,13 +13,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_ref.arrays import ANY, is_number, numbers, whole
 from dem_ref.arrays import SampleError as SampleError
+from dem_ref.arrays import disks, is_number, is_within, numbers, whole
 from dem_ref.neighbours import CellTooSmallError, NearPairs, find_near_pairs
 from dem_ref.sample_checks import unlikely
 from dem_ref.stored_arrays import StoredArrayError, read_stored_arrays
 
 FORMAT = 1
+SMALLEST, LARGEST = 1e-300, 1e300
+"""Of what has to be positive, and finite."""
 
 
 @dataclass
@@ -82,9 +84,8 @@ class Sample:
         ------
         SampleError
         """
-        self.radius = numbers("radius", self.radius, (ANY,))
+        self.position, self.radius = disks(self.position, self.radius)
         n = len(self.radius)
-        self.position = numbers("position", self.position, (n, 2))
         self.cell = numbers("cell", self.cell, (2, 2))
         self.velocity = numbers("velocity", self.velocity, (n, 2))
         self.spin = numbers("spin", self.spin, (n,))
@@ -150,7 +151,7 @@ class Sample:
 
     def rotated(self, angle: float) -> Sample:
         """A copy turned by `angle` (radians, counter-clockwise), cell and motion included."""
-        if not is_number(angle) or not np.isfinite(float(angle)):
+        if not is_within(angle, -LARGEST, LARGEST):
             raise SampleError(f"angle is {angle}, legal are finite values")
         c, s = np.cos(angle), np.sin(angle)
         turn = np.array([[c, s], [-s, c]])  # acts on rows from the right
@@ -212,14 +213,11 @@ def _check_disks(position: NDArray, radius: NDArray, cell: NDArray) -> None:
 
 
 def _check_stiffness(normal_stiffness: float, stiffness_ratio: float, friction: float) -> None:
-    for name, value in (("normal_stiffness", normal_stiffness), ("stiffness_ratio", stiffness_ratio)):
-        if not is_number(value):
-            raise SampleError(f"{name} is {value}, not a number")
-    if not 0.0 < normal_stiffness <= 1e300:
+    if not is_within(normal_stiffness, SMALLEST, LARGEST):
         raise SampleError(f"normal_stiffness is {normal_stiffness}, legal are finite values > 0")
-    if not 0.0 < stiffness_ratio <= 1.0:
+    if not is_within(stiffness_ratio, SMALLEST, 1.0):
         raise SampleError(f"stiffness_ratio is {stiffness_ratio}, legal are 0 < kt/kn <= 1")
-    if not (is_number(friction) and 0.0 <= friction <= 1e300):
+    if not is_within(friction, 0.0, LARGEST):
         raise SampleError(f"friction is {friction}, legal are finite values >= 0")
 
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numba
@@ -131,6 +132,6 @@ def test_no_more_threads_than_asked_for():
             assert len(names) <= threads
             done.sort()
             assert done[0][0] == 0 and done[-1][1] == 1001
-            assert all(one[1] == other[0] for one, other in zip(done, done[1:]))
+            assert all(one[1] == other[0] for one, other in pairwise(done))
     finally:
         numba.set_num_threads(before)

@@ -45,10 +45,10 @@ def memory_map(a, mode="r"):
     """A map of a temporary file that holds the array."""
     if not a.size:
         return SAME
-    file = tempfile.TemporaryFile()
-    file.write(a.tobytes())
-    file.flush()
-    return np.memmap(file, dtype=a.dtype, mode=mode, shape=a.shape)
+    with tempfile.TemporaryFile() as file:
+        file.write(a.tobytes())
+        file.flush()
+        return np.memmap(file, dtype=a.dtype, mode=mode, shape=a.shape)
 
 
 def matrix(a):
