@@ -265,15 +265,23 @@ def update_points(
                     )
                 if sliding:
                     finish_sliding(w, lane, micro)
+                total = 0.0
                 for i in range(3):
                     stress_end[point, i] = w[Y + i * L + lane]
+                    total += stress_end[point, i]
                     if mixed:
                         strain_increment[point, i] = (
                             given[point, i] if lane_control[lane, i] == 0 else w[SUMS + (6 + i) * L + lane]
                         )
+                        total += strain_increment[point, i]
                 for i in range(state_start.shape[1]):
                     state_end[point, i] = micro[micro_of_column[i]]
-                if derivatives:
+                    total += state_end[point, i]
+                if not math.isfinite(total):
+                    # numbers of a size that no grains have: something overflowed on the way
+                    status[point] = NOT_FINITE
+                    _keep_start(point, mixed, stress_start, state_start, stress_end, state_end, strain_increment)
+                elif derivatives:
                     for j in range(3):
                         for i in range(3):
                             tangent[point, i, j] = w[TY + (j * UNKNOWNS + i) * L + lane]

@@ -47,7 +47,7 @@ from .lanes import (
     L,
     Y,
 )
-from .runge_kutta import SMALLEST_COORDINATION
+from .runge_kutta import LARGEST_COORDINATION, SMALLEST_COORDINATION
 from .stiffness import fill_stiffness, isostatic_shear, moduli_per_contact, stress_invariants
 
 # columns of the parameter table, in the order of `parameters.Material.variables`
@@ -181,12 +181,18 @@ def load_point(w, lane, point, given, stress_start, state_start, par, micro_of_c
         w[Y + 5 * L + lane] = w[X2 + lane] - numbers[CHI] * (n2 + w[Y + 5 * L + lane])
     if not finite:
         return _NOT_FINITE
-    if not (z > SMALLEST_COORDINATION and a1 * a1 + a2 * a2 < 4.0):
+    if not (z > SMALLEST_COORDINATION and z < LARGEST_COORDINATION and a1 * a1 + a2 * a2 < 4.0):
+        return _NOT_ADMISSIBLE
+    # those of the stiffness, if it is that of the initial packing
+    z, a1, a2 = w[REFERENCE_Z + lane], w[REFERENCE_A1 + lane], w[REFERENCE_A2 + lane]
+    if not (abs(z) < LARGEST_COORDINATION and a1 * a1 + a2 * a2 <= 4.0):
         return _NOT_ADMISSIBLE
     floor = PRESSURE_FLOOR * par[PAR_KN]
     p, s1, s2 = stress_invariants(stress_start[point, 0], stress_start[point, 1], stress_start[point, 2])
     if not p > floor:
         return _NO_PRESSURE
+    if not math.isfinite(p):
+        return _NOT_FINITE
     w[FLOOR + lane] = floor
     for row in range(EXTRAS):
         w[SUMS + row * L + lane] = 0.0

@@ -29,6 +29,8 @@ APEX_FRACTION = 1e-6
 """A point that gets stuck at less than this fraction of its start pressure is reported as having lost its pressure."""
 SMALLEST_COORDINATION = 1e-6
 """A network of fewer contacts a particle is none: the point is refused instead of strained without bound."""
+LARGEST_COORDINATION = 1e3
+"""Coordination number above which a state is none of grains; neither could its stiffness be computed at some size."""
 SMALLEST_SUBSTEP = 1e-13
 """A substep smaller than this fraction of the increment is a failure."""
 

@@ -13,6 +13,7 @@ from math import pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from dem_ref.arrays import is_whole, is_within
 from dem_ref.legs import ISOTROPIC, ROOT2, Leg, from_vector, to_vector
 from dem_ref.measure import love_weber_stress
 from dem_ref.motion import Control, Motion
@@ -52,7 +53,7 @@ class RateLimits:
         }  # fmt: skip
         for name, (low, high) in bounds.items():
             value = getattr(self, name)
-            if not low <= value <= high:
+            if not is_within(value, low, high) or (name == "chunk" and not is_whole(value)):
                 raise SampleError(f"rate limit {name} is {value}, legal are {low:g} to {high:g}")
 
 

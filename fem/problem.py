@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from constitutive.arrays import ArrayError, finite, found, index
 from constitutive.contract import Law
 
 from .load_program import LoadProgram
@@ -64,22 +65,19 @@ class Problem:
         self.program = LoadProgram(space, self.stages)
         refuse_loose_bodies(space, self.program.terms)
         self.balance_initial_stress = balance_initial_stress
-        stress = np.zeros(3) if initial_stress is None else np.asarray(initial_stress, dtype=np.float64)
-        if stress.shape not in ((3,), (space.npoints, 3)) or not np.isfinite(stress).all():
-            raise LoadError(
-                f"the initial stress must be finite and of shape (3,) or ({space.npoints}, 3), not {stress.shape}"
-            )
-        self.initial_stress: Array = np.array(np.broadcast_to(stress, (space.npoints, 3)), order="C")
-        self.material_index: NDArray[np.int32] | None = None
-        if material_index is not None:
-            self.material_index = np.ascontiguousarray(material_index, dtype=np.int32)
-            if self.material_index.shape != (space.npoints,):
-                raise LoadError(f"the material index must have shape ({space.npoints},)")
+        self.initial_stress = _initial_stress(initial_stress, space.npoints)
         nstate = law.description.nstate
-        if initial_state is None:
-            state = law.initial_state(self.initial_stress, self.material_index)
-        else:
-            state = np.array(initial_state, dtype=np.float64)
+        self.material_index: NDArray[np.int32] | None = None
+        try:
+            if material_index is not None:
+                # how many rows there are only the law knows, which refuses others
+                self.material_index = index("the material index", material_index, space.npoints, 2**31)
+            if initial_state is None:
+                state = law.initial_state(self.initial_stress, self.material_index)
+            else:
+                state = finite("the initial state", initial_state, (space.npoints, nstate)).copy()
+        except ArrayError as error:
+            raise LoadError(str(error)) from None
         if state.shape != (space.npoints, nstate):
             raise LoadError(f"the initial state must have shape ({space.npoints}, {nstate}), not {state.shape}")
         self.initial_state: Array = np.ascontiguousarray(state)
@@ -88,3 +86,16 @@ class Problem:
     def starts_loaded(self) -> bool:
         """Whether the loads of the first stage act from the outset."""
         return self.stages[0].name == INITIAL
+
+
+def _initial_stress(given: ArrayLike | None, npoints: int) -> Array:
+    """Stress of every point, shape (npt, 3), from that of all or of each; zero if None."""
+    stress = np.zeros(3) if given is None else given
+    try:
+        if np.shape(stress) == (3,):
+            return np.tile(finite("the initial stress", stress, (3,)), (npoints, 1))
+        return finite("the initial stress", stress, (npoints, 3)).copy()
+    except ValueError:
+        raise LoadError(
+            f"the initial stress must be finite and of shape (3,) or ({npoints}, 3), not {found(stress)}"
+        ) from None

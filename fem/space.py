@@ -13,6 +13,8 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 
+from constitutive.arrays import ANY, read
+
 from .mesh import HostMesh, MeshError
 
 Array = NDArray[np.float64]
@@ -138,6 +140,7 @@ class Space:
         -------
         ndarray, shape (npt, k)
         """
+        nodal = read("nodal", nodal, (self.nnodes, ANY))
         values = np.einsum("qb,ebk->eqk", self.shape_values, nodal[self.element_nodes])
         return values.reshape(self.npoints, -1)
 

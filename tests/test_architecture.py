@@ -20,8 +20,10 @@ ALLOWED: dict[str, set[str]] = {
         "skfem",
         "meshio",
         "cvxopt",
+        "constitutive.arrays",
         "constitutive.contract",
         "constitutive.compilation",
+        "constitutive.threads",
     },
     "dem_ref": {"numpy", "numba", "scipy.spatial"},
     "cases": {
