@@ -35,13 +35,16 @@ def check_groups(loaded: LoadedScene, mesh: HostMesh) -> None:
     Raises
     ------
     InputError
-        Naming the key, the legal groups of the mesh and the nearest.
+        Naming each such key, the legal groups of the mesh and the nearest.
     """
     groups = {"boundary": mesh.boundaries, "region": mesh.regions}
-    for keys, what, name in _named(loaded.scene):
-        if name not in groups[what]:
-            key = ".".join(str(part) for part in keys)
-            raise loaded.error(keys, f"{key}: {unknown(f'the {what}', name, groups[what])}")
+    wrong = [
+        (keys, f"{loaded.label(keys)}: {unknown(f'the {what}', name, groups[what])}")
+        for keys, what, name in _named(loaded.scene)
+        if name not in groups[what]
+    ]
+    if wrong:
+        raise loaded.errors(wrong)
 
 
 def named_boundaries(scene: Any) -> tuple[list[str], list[str]]:

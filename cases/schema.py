@@ -137,11 +137,18 @@ NUMBERS = tuple(variable.name for variable in Material.variables())
 MODELS: dict[str, type[Scene]] = {"point": PointScene, "field": FieldScene, "dem": DemScene}
 """Model of each kind of scene; a new kind is added here."""
 
+TABLE_LISTS = ("path", "stage")
+"""Tables of which a scene has several, written ``[[path]]``."""
+
 
 def json_schema() -> dict[str, Any]:
     """JSON schema of all kinds of scene, for editors."""
     union: Any = Annotated[PointScene | FieldScene | DemScene, Field(discriminator="kind")]
     schema = TypeAdapter(union).json_schema()
+    # The title may be the file's name, the kind follows from the tables.
+    for model in MODELS.values():
+        table = schema["$defs"][model.__name__]
+        table["required"] = [key for key in table["required"] if key not in ("title", "kind")]
     # What a material file gives need not stand in the scene; editors, unlike the check, do not see that file.
     for name in ("MaterialSection", "NamedMaterialSection", "PointScene"):
         table = schema["$defs"][name]

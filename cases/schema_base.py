@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from .errors import short
+
 Control = Literal["stress", "strain"]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -23,7 +25,7 @@ class Section(BaseModel):
 def _printable(text: str) -> str:
     """A line that a terminal shows as it is."""
     if not text.isprintable():
-        raise ValueError(f"{text!r} holds control characters")
+        raise ValueError(f"{short(text)} holds control characters")
     return text
 
 
