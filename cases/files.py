@@ -233,7 +233,7 @@ def held(folder: Path, owner: Owner | None = None, overwrite: bool = False, resu
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"the output folder {str(folder)!r} cannot be made: {error.strerror}") from error
+        raise InputError(f"the output folder {str(folder)!r} cannot be written: {error.strerror}") from error
     with lock.held(folder):
         if not made:
             check_output(folder, owner, overwrite or resume)

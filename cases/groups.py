@@ -39,7 +39,7 @@ def check_groups(loaded: LoadedScene, mesh: HostMesh) -> None:
     """
     groups = {"boundary": mesh.boundaries, "region": mesh.regions}
     wrong = [
-        (keys, f"{loaded.label(keys)}: {unknown(f'the {what}', name, groups[what])}")
+        (keys, f"{loaded.label(keys if keys[0] == 'materials' else keys[:-1])}: {unknown(f'the {what}', name, groups[what])}")
         for keys, what, name in _named(loaded.scene)
         if name not in groups[what]
     ]
