@@ -283,14 +283,10 @@ def schema() -> None:
 
 
 @app.command()
-def effects(
-    scene: SceneArgument,
-    assignments: SetOption = None,
-    quiet: QuietOption = False,
-    verbose: VerboseOption = False,
-) -> None:
+def effects(scene: SceneArgument, assignments: SetOption = None, verbose: VerboseOption = False) -> None:
     """Decide which effects a scene needs, and say why."""
-    with _speaking(quiet, verbose) as screen:
+    with _speaking(False, verbose) as screen:
+        screen.quiet = False  # what it says is all that it does
         from .effects_command import show_effects
         from .scene import load
 

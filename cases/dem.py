@@ -294,7 +294,7 @@ def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
             f"unbalanced force up to {h['unbalanced_force'].max():.1e}"
         )
     if record.outcome != "finished":
-        screen.say(f"{record.outcome}: {record.message}")
+        screen.say(f"{record.outcome}: {record.message}", insist=True)
     phases = ", ".join(
         f"{name} {record.timing[name]:.1f} s" for name in (*PHASES, "compilation") if name in record.timing
     )

@@ -29,6 +29,11 @@ def _named(scene: Any) -> Iterator[tuple[list[Any], str, str]]:
         yield ["materials", name, "region"], "region", material.region
 
 
+def _owner(keys: list[Any]) -> list[Any]:
+    """Where a group is named: the load, which is counted; of materials the key."""
+    return keys if keys[0] == "materials" else keys[:-1]
+
+
 def check_groups(loaded: LoadedScene, mesh: HostMesh) -> None:
     """Refuse names that the mesh does not have.
 
@@ -39,7 +44,7 @@ def check_groups(loaded: LoadedScene, mesh: HostMesh) -> None:
     """
     groups = {"boundary": mesh.boundaries, "region": mesh.regions}
     wrong = [
-        (keys, f"{loaded.label(keys if keys[0] == 'materials' else keys[:-1])}: {unknown(f'the {what}', name, groups[what])}")
+        (keys, f"{loaded.label(_owner(keys))}: {unknown(f'the {what}', name, groups[what])}")
         for keys, what, name in _named(loaded.scene)
         if name not in groups[what]
     ]

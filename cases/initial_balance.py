@@ -33,6 +33,8 @@ class Balance:
     ----------
     told : set of str
         Stages whose released supports have been told, or that have none.
+    released : dict of str to float
+        Forces that these supports had carried [N/m], by stage.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -41,6 +43,7 @@ class Balance:
         self.starts_loaded = problem.starts_loaded
         self.referenced = problem.balance_initial_stress
         self.told = {self.stage}
+        self.released: dict[str, float] = {}
         self._least = RELEASED * self.found.acting
 
     @property
@@ -67,7 +70,7 @@ class Balance:
         if self.starts_loaded:
             return f'it fades out over stage "{self.stage}"'
         rest = self.found.share_at_end
-        loads = "balance it" if rest <= WARNED else f"leave {percent(rest)} of it unbalanced"
+        loads = "balance it" if rest <= WARNED else f"leave {percent(rest)} unbalanced"
         return (
             f'it fades out over stage "{self.stage}", at whose end the loads {loads} (none acts at the outset, because '
             'the first stage is not named "initial")'
@@ -80,11 +83,12 @@ class Balance:
         warning = "warning: " if self.warned else ""
         return f"{warning}initial stress and loads are {self.amount()}; {self.fate()}"
 
-    def reminder(self) -> str:
-        """What is added to the text of a failure; empty if it cannot be the reason."""
-        if not self.warned:
-            return ""
-        return f" (the initial stress and loads were {self.amount()}; {self.fate()})"
+    def reminder(self, stage: str) -> str:
+        """What is added to the text of a failure in a stage; empty if it cannot be the reason."""
+        said = f" (the initial stress and loads were {self.amount()}; {self.fate()})" if self.warned else ""
+        if stage in self.released:
+            said += f' (stage "{stage}" releases supports that carried {self.released[stage]:.4g} N/m)'
+        return said
 
     def as_data(self) -> dict[str, Any]:
         """For `run.json`."""
@@ -100,7 +104,7 @@ class Balance:
             "fate": self.fate() if found.share > IN_BALANCE else "in balance",
         }
 
-    def released(self, step: StepResult) -> dict[str, Any] | None:
+    def release(self, step: StepResult) -> dict[str, Any] | None:
         """Supports that the stage of a step releases, told once with its first step; None if there are none."""
         if step.stage in self.told:
             return None
@@ -109,6 +113,7 @@ class Balance:
         size = float(np.hypot(fading[:, 0], fading[:, 1]).sum())
         if size <= self._least:
             return None
+        self.released[step.stage] = size
         return {"stage": step.stage, "sum": size, "resultant": fading.sum(axis=0).tolist()}
 
 
@@ -132,11 +137,12 @@ def take_up(balance: Balance, earlier: dict[str, Any], record: Record) -> None:
     if told:
         record.details["released"] = told
         balance.told |= {str(entry["stage"]) for entry in told}
+        balance.released |= {str(entry["stage"]): float(entry.get("sum", 0.0)) for entry in told}
 
 
 def report_release(balance: Balance, step: StepResult, record: Record, screen: Screen) -> None:
     """Say and record which forces a stage takes away by releasing supports."""
-    found = balance.released(step)
+    found = balance.release(step)
     if found is None:
         return
     record.details.setdefault("released", []).append(found)

@@ -181,7 +181,7 @@ def _refuse_living(folder: Path) -> None:
         return
     if said.get("host") == socket.gethostname() and not _lives(process):
         return
-    raise _refusal(folder)
+    raise _refusal(folder, f"; if none is, remove {NAME} there")
 
 
 def _lives(process: int) -> bool:
@@ -194,10 +194,10 @@ def _lives(process: int) -> bool:
     return True
 
 
-def _refusal(folder: Path) -> InputError:
+def _refusal(folder: Path, more: str = "") -> InputError:
     said = _read(folder)
     who = f" (process {said.get('process', '?')} on {said.get('host', '?')}, since {said.get('since', '?')})"
     return InputError(
         f"another run is at work in the output folder {str(folder)!r}{who if said else ''}; wait for its end or "
-        f"choose another folder with -o (if none is, remove {NAME} there)"
+        f"choose another folder with -o{more}"
     )

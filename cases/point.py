@@ -128,7 +128,7 @@ def _report(history: PathHistory, record: Record, screen: Screen) -> None:
         rows.append(values + [f"{columns[name][row]:.4f}" for name in TABLE_COLUMNS[3:]])
     screen.table(record.scene["title"], ["step", "p [kPa]", "q/p", "z", "a_c", "a_n", "f/f0"], rows)
     if record.outcome != "finished":
-        screen.say(f"{record.outcome} after {record.details['steps']} steps: {record.message}")
+        screen.say(f"{record.outcome} after {record.details['steps']} steps: {record.message}", insist=True)
     screen.say(
         f"{record.details['steps']} steps in {record.timing['path']:.2f} s "
         f"(compilation {record.timing['compilation']:.1f} s); results in {record.folder}"

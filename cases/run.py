@@ -139,7 +139,7 @@ def run_field(
         initial_balance.announce(balance, loaded, problem, record, screen)
         with (
             screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
-            record.phase("run"),
+            record.phase("run", watch),
         ):
             history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
             try:
@@ -177,12 +177,12 @@ def run_field(
         record.timing["compilation"] = watch.seconds + waited
         audit = None
         if record.outcome == "finished" and resumed is None:  # else the ways of the first part are not known
-            with record.phase("audit"):
+            with record.phase("audit", watch):
                 audit = effects_audit.audit_field(loaded, problem, ways)
         if record.outcome == "finished" and loaded.scene.closed_form is not None:
             comparison.write(folder, record, comparison.compare(loaded, problem, recorder.last))
         if record.outcome == "finished":
-            with record.phase("mesh_error"):
+            with record.phase("mesh_error", watch):
                 mesh_judgement.judge(folder, record, problem, recorder.last)
         record.write()
         if loaded.scene.output.pictures:
@@ -236,7 +236,7 @@ def _finish(record: Record, summary: RunSummary, stopped: bool, balance: initial
     record.outcome = "finished" if summary.finished else "stopped" if stopped else "failed"
     record.message = summary.message
     if record.outcome == "failed":
-        record.message += balance.reminder()
+        record.message += balance.reminder(summary.stage)
     record.details["counters"] = dict(summary.counters)
     record.details["linear_solver"] = summary.solver
     record.details["reached"] = {"stage": summary.stage, "fraction": summary.fraction}
@@ -271,7 +271,8 @@ def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: 
         f"{len(history.rows) - 1} steps, {summary.counters.get('factorisations', 0)} factorisations ({summary.solver})"
     )
     if record.outcome != "finished":
-        screen.say(f"{record.outcome} in stage {summary.stage!r} at {summary.fraction:.0%}: {record.message}")
+        where = f"{record.outcome} in stage {summary.stage!r} at {summary.fraction:.0%}"
+        screen.say(f"{where}: {record.message}", insist=True)
     screen.say(
         f"{record.timing['total']:.1f} s in all, of which compilation {record.timing['compilation']:.1f} s, "
         f"law {summary.seconds.get('law', 0.0):.1f} s, linear solver "

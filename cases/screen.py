@@ -28,7 +28,7 @@ class Screen:
     ----------
     console : Console, optional
     quiet : bool
-        Nothing but warnings. The log file gets everything all the same.
+        Nothing but warnings and failures. The log file gets everything all the same.
     verbose : bool
         Also each step, and what solvers note down.
     """
@@ -41,9 +41,9 @@ class Screen:
         if not self.console.is_terminal:
             self.console.width = max(self.console.width, PLAIN_WIDTH)
 
-    def say(self, text: str) -> None:
-        """One line; warnings, which begin with that word, are said in any case."""
-        if not self.quiet or text.startswith("warning:"):
+    def say(self, text: str, insist: bool = False) -> None:
+        """One line; warnings, which begin with that word, and what insists are said in any case."""
+        if not self.quiet or insist or text.startswith("warning:"):
             self.console.print(text, markup=False, soft_wrap=True)
         self.log(text)
 
@@ -78,7 +78,7 @@ class Screen:
         if self._log == file:
             return
         early, self._early, self._log = self._early, [], file
-        self.log(" ".join(map(_quoted, sys.argv)))
+        self.log(" ".join(["granfabric", *map(_quoted, sys.argv[1:])]))
         self.log(", ".join(f"{name} {text}" for name, text in versions.items()))
         try:
             with file.open("a", encoding="utf-8") as open_file:

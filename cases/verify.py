@@ -179,7 +179,7 @@ def _report(study: Study | None, record: Record, screen: Screen) -> None:
             f"model {study.seconds['model']:.3f} s, compilation {record.timing['compilation']:.1f} s"
         )
     if record.outcome != "finished":
-        screen.say(f"{record.outcome}: {record.message}")
+        screen.say(f"{record.outcome}: {record.message}", insist=True)
     screen.say(f"{record.timing['total']:.1f} s in all; results in {record.folder}")
 
 

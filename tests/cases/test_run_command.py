@@ -206,8 +206,14 @@ def _write_msh(path: Path, points: np.ndarray, triangles: np.ndarray, tags: list
 
 
 BAD = [
-    ('stage.1.displacement=[{boundary="tpo", component="y", value=0.0}]', ['stage 2 "compression": displacement 1: the boundary', "'top'"]),
-    ('stage.0.pressure=[{boundary="lft", value=1.0}]', ['stage 1 "initial": pressure 1: the', "'lft'", "nearest is 'left'"]),
+    (
+        'stage.1.displacement=[{boundary="tpo", component="y", value=0.0}]',
+        ['stage 2 "compression": displacement 1: the boundary', "'top'"],
+    ),
+    (
+        'stage.0.pressure=[{boundary="lft", value=1.0}]',
+        ['stage 1 "initial": pressure 1: the boundary', "'lft'", "nearest is 'left'"],
+    ),
     ('stage.1.body_force=[{value=[0.0, -1.0], region="al"}]', ["region 'al' is unknown", "nearest is 'all'"]),
     ("stage.1.name=initial", ["stage", "initial"]),
     ('mesh={file="nowhere.msh"}', ["mesh.file", "nowhere.msh"]),
