@@ -120,7 +120,7 @@ class Balance:
 def percent(share: float) -> str:
     """A share in percent, without more digits than it deserves."""
     value = 100.0 * share
-    return f"{value:.0f} %" if value >= 9.5 else f"{value:.2g} %" if value >= 1e-2 else f"{value:.0e} %"
+    return f"{value:.0f} %" if value >= 9.95 else f"{value:.2g} %" if value >= 1e-2 else f"{value:.0e} %"
 
 
 def announce(balance: Balance, loaded: LoadedScene, problem: Problem, record: Record, screen: Screen) -> None:

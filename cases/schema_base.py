@@ -35,6 +35,8 @@ Line = Annotated[str, AfterValidator(_printable)]
 class Scene(Section):
     """What every scene has."""
 
-    title: Annotated[Line, Field(min_length=1, max_length=200)] = Field(description="one line, for lists and pictures")
+    title: Annotated[Line, Field(min_length=1, max_length=200)] = Field(
+        description="one line, for lists and pictures; the name of the file if not given"
+    )
     group: Annotated[Line, Field(max_length=80)] = Field(default="", description="heading in the list of scenes")
     description: Text = Field(default="", description="question, set-up, expected numbers")
