@@ -62,11 +62,11 @@ def find(scene: str) -> Path:
         if not path.exists():
             raise InputError(f"{unknown('the scene', scene, names)} (a scene file has the ending .toml)")
     if path.is_dir():
-        files = sorted(path.glob("*.toml"))
+        files = sorted(file for file in path.glob("*.toml") if file.is_file())
         if len(files) != 1:
             raise InputError(f"the folder {scene!r} holds {len(files)} files with the ending .toml; name one of them")
         return files[0]
-    if not path.is_file():
+    if not path.exists():
         raise InputError(f"the scene file {scene!r} does not exist")
     return path
 

@@ -63,6 +63,9 @@ def walk(model: type[BaseModel], location: tuple[Any, ...]) -> tuple[list[Any], 
     for part in location:
         if isinstance(part, int):
             keys.append(part)
+        elif owner is None and inside is not None:
+            keys.append(part)  # the free name of a table such as [materials.NAME]
+            owner = inside
         elif inside is not None and part in inside.model_fields:
             keys.append(part)
             owner, declaration = inside, inside.model_fields[part]
@@ -70,9 +73,6 @@ def walk(model: type[BaseModel], location: tuple[Any, ...]) -> tuple[list[Any], 
             inside = found[0] if found else None
             if get_origin(declaration.annotation) is dict:
                 owner = None
-        elif owner is None and inside is not None:
-            keys.append(part)  # the free name of a table such as [materials.NAME]
-            owner = inside
         elif not _is_union_member(part):
             keys.append(part)
             owner, declaration = inside, None
@@ -185,7 +185,7 @@ def _brackets(kind: str, value: Any, keys: list[Any], declaration: Any) -> str:
     inside = get_origin(declaration.annotation) is dict and len(keys) > 1
     if kind in ("model_type", "model_attributes_type") and inside and not isinstance(value, list):
         outer = ".".join(map(str, keys[:-1]))
-        return f"{heading} = {short(value)} is not a table: [{outer}] holds tables [{outer}.NAME], one for each"
+        return f"[{outer}] holds values where it should hold tables: write [{outer}.NAME] for each, with its own name"
     return ""
 
 

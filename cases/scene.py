@@ -152,7 +152,7 @@ def assign(table: dict[str, Any], path: tuple[str, ...], value: Any) -> tuple[st
     Returns
     -------
     tuple of str
-        The key with numbers for names.
+        The key with numbers for names; of one in a table that was missing, the key of that table.
 
     Raises
     ------
@@ -161,6 +161,7 @@ def assign(table: dict[str, Any], path: tuple[str, ...], value: Any) -> tuple[st
     shown = ".".join(path)
     here: Any = table
     taken: list[str] = []
+    made = 0
     for depth, part in enumerate(path):
         last = depth == len(path) - 1
         if isinstance(here, list):
@@ -176,6 +177,7 @@ def assign(table: dict[str, Any], path: tuple[str, ...], value: Any) -> tuple[st
             place = part
             if not last and part not in here:
                 here[part] = {}
+                made = made or depth + 1
         else:
             raise InputError(f"--set {shown}: {'.'.join(path[:depth])!r} is a single value and has no {part!r}")
         taken.append(str(place))
@@ -183,7 +185,7 @@ def assign(table: dict[str, Any], path: tuple[str, ...], value: Any) -> tuple[st
             here[place] = value
         else:
             here = here[place]
-    return tuple(taken)
+    return tuple(taken[: made or None])
 
 
 def _entry(entries: list[Any], part: str) -> int | None:
@@ -296,9 +298,9 @@ def load(scene: str, assignments: Sequence[str] = ()) -> LoadedScene:
     assigned = []
     for path, value in parsed:
         taken = assign(table, path, value)
-        _from_here(table, taken)
+        _from_here(table, path)
         assigned.append(taken)
-        if taken == ("material_file",):
+        if path == ("material_file",):
             new = _include_material(table, Path(), included, wins=True)
             included = new or included
     table.setdefault("title", _title(file))
