@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from .dem_series import DemSeries, history_text
 from .errors import InputError, RunError
 from .interruption import StopWish, stop_wish
 from .material_file import material_text, read_material
-from .record import Record, resolved
+from .record import Record, resolved, versions
 from .scene import LoadedScene
 from .screen import Screen, spread
 
@@ -53,7 +54,9 @@ def measured_inputs(
     return {name: float(value) for name, value in measured.items() if np.isfinite(value)}
 
 
-def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = False) -> Record:
+def run_dem(
+    loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = False, overwrite: bool = False
+) -> Record:
     """Compute a DEM scene and write its files.
 
     Parameters
@@ -61,10 +64,13 @@ def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = Fa
     loaded : LoadedScene
         Of kind "dem".
     folder : Path
-        Result folder: new, empty, or of an earlier run, which is replaced, or continued with `resume`.
+        Result folder: new, empty, or of an earlier run of the same scene, which is replaced, or continued with
+        `resume`.
     screen : Screen
     resume : bool
         Go on from the packing or the checkpoint in the folder.
+    overwrite : bool
+        Replace results of another scene too.
 
     Returns
     -------
@@ -84,17 +90,23 @@ def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = Fa
         options = run_options(scene)
     except PathError as error:
         raise loaded.error(["path"], str(error)) from error
-    record = Record(folder, loaded.name, resolved(loaded, None))
+    owner = loaded.owner
+    record = Record(folder, loaded.name, resolved(loaded, None), scene_file=owner.place)
     with (
         watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
         stop_wish(screen.announce_stop) as stop,
+        ExitStack() as hold,
     ):
         kept: tuple[Sample | None, DemRun | None] = (None, None)
+        if resume:
+            _take_over(folder, record)  # refuses before anything is made
+        hold.enter_context(files.held(folder, owner, overwrite, resume))
         if resume:
             _take_over(folder, record)
             kept = _kept(folder, options)
         else:
-            files.prepare_output(folder)
+            files.prepare_output(folder, owner, overwrite)
+        screen.keep_log(folder / files.LOG, versions())
         record.write()
         try:
             sample = kept[0] or _packing(scene, record, screen, stop, watch)
@@ -282,7 +294,7 @@ def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
             f"unbalanced force up to {h['unbalanced_force'].max():.1e}"
         )
     if record.outcome != "finished":
-        screen.say(f"{record.outcome}: {record.message}")
+        screen.say(f"{record.outcome}: {record.message}", insist=True)
     phases = ", ".join(
         f"{name} {record.timing[name]:.1f} s" for name in (*PHASES, "compilation") if name in record.timing
     )

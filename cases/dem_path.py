@@ -135,7 +135,7 @@ def segments(scene: Any) -> tuple[Segment, ...]:
         try:
             made += build.get(leg.loading, _driven)(leg, stress)
         except PathError as error:
-            raise PathError(f"path.{place}: {error}") from None
+            raise PathError(f"path {place + 1}: {error}") from None
     return tuple(made)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from constitutive.parameters import CLOSURE_NUMBERS, Closure, Material
 
-from .errors import InputError, unknown
+from .errors import InputError, several, short, unknown
 from .toml_file import read_table
 from .toml_text import to_toml
 
@@ -30,14 +30,19 @@ def read_material(file: Path) -> dict[str, dict[str, Any]]:
     table = read_table(file)
     table.pop(MEASURED, None)
     legal = {"material": [variable.name for variable in Material.variables()], "closure": closure_keys()}
+    wrong = []
     for section, entries in table.items():
         if section not in LAW_TABLES:
-            raise InputError(f"{file}: {unknown('the table', section, LAW_TABLES)}")
-        if not isinstance(entries, dict):
-            raise InputError(f"{file}: {section} = {entries!r} is not a table")
-        for key in entries:
-            if key not in legal[section]:
-                raise InputError(f"{file}: {unknown('the key', f'{section}.{key}', legal[section], spelled=key)}")
+            wrong.append(unknown("the table", section, LAW_TABLES))
+        elif isinstance(entries, list) and entries and all(isinstance(entry, dict) for entry in entries):
+            wrong.append(f"[[{section}]] is there only once: write [{section}] with one bracket")
+        elif not isinstance(entries, dict):
+            wrong.append(f"{section} = {short(entries)} is not a table")
+        else:
+            unknown_keys = [key for key in entries if key not in legal[section]]
+            wrong += [unknown("the key", f"{section}.{key}", legal[section], spelled=key) for key in unknown_keys]
+    if wrong:
+        raise several([f"{file}: {text}" for text in wrong])
     if "material" not in table:
         raise InputError(f"{file}: the table [material] is missing")
     return table

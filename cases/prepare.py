@@ -84,11 +84,11 @@ def read_or_make_mesh(loaded: LoadedScene) -> HostMesh:
     for place, part in enumerate(mesh.part):
         keys = ["mesh", "part", place]
         if part.name in made.boundaries:
-            raise loaded.error(keys, f"mesh.part.{place}.name: the mesh has a boundary {part.name!r} already")
+            raise loaded.error(keys, f"{loaded.label(keys)}: the mesh has a boundary {part.name!r} already")
         try:
             made.boundaries[part.name] = made.facets_between(part.boundary, part.x, part.y)
         except MeshError as error:
-            raise loaded.error(keys, f"mesh.part.{place}: {error}") from error
+            raise loaded.error(keys, f"{loaded.label(keys)}: {error}") from error
     return made
 
 

@@ -84,7 +84,9 @@ class LawScene(Scene):
     """What scenes have that use the point law."""
 
     material_file: Annotated[str, Field(min_length=1)] | None = Field(
-        default=None, description="tables [material] and [closure], as measured on disks: a file or a shipped name"
+        default=None,
+        description="tables [material] and [closure], as measured on disks: a file, relative to this one, or a shipped "
+        "name",
     )
     accuracy: Accuracy | None = Field(
         default=None, description="chooses integrator, tolerances and directions where the scene leaves them open"
@@ -97,7 +99,7 @@ class LawScene(Scene):
 class PointScene(LawScene):
     """One material point along a path of stress or strain."""
 
-    kind: Literal["point"] = Field(description="for `granfabric point`")
+    kind: Literal["point"] = Field(description="for `granfabric point`; follows from the tables if not given")
     material: MaterialSection = Field(description="the granular material")
     initial: PointInitial = Field(description="state before any loading")
     path: Annotated[list[PathLeg], Field(min_length=1, max_length=10_000)] = Field(description="legs of the path")
@@ -107,7 +109,7 @@ class PointScene(LawScene):
 class FieldScene(LawScene):
     """A boundary-value problem."""
 
-    kind: Literal["field"] = Field(description="for `granfabric run`")
+    kind: Literal["field"] = Field(description="for `granfabric run`; follows from the tables if not given")
     material: MaterialSection | None = Field(default=None, description="the granular material, if there is one")
     materials: dict[str, NamedMaterialSection] = Field(default={}, description="several materials by name")
     mesh: Mesh = Field(description="mesh and element")
@@ -137,11 +139,18 @@ NUMBERS = tuple(variable.name for variable in Material.variables())
 MODELS: dict[str, type[Scene]] = {"point": PointScene, "field": FieldScene, "dem": DemScene}
 """Model of each kind of scene; a new kind is added here."""
 
+TABLE_LISTS = ("path", "stage")
+"""Tables of which a scene has several, written ``[[path]]``."""
+
 
 def json_schema() -> dict[str, Any]:
     """JSON schema of all kinds of scene, for editors."""
     union: Any = Annotated[PointScene | FieldScene | DemScene, Field(discriminator="kind")]
     schema = TypeAdapter(union).json_schema()
+    # The title may be the file's name, the kind follows from the tables.
+    for model in MODELS.values():
+        table = schema["$defs"][model.__name__]
+        table["required"] = [key for key in table["required"] if key not in ("title", "kind")]
     # What a material file gives need not stand in the scene; editors, unlike the check, do not see that file.
     for name in ("MaterialSection", "NamedMaterialSection", "PointScene"):
         table = schema["$defs"][name]

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from .errors import short
+
 Control = Literal["stress", "strain"]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -23,7 +25,7 @@ class Section(BaseModel):
 def _printable(text: str) -> str:
     """A line that a terminal shows as it is."""
     if not text.isprintable():
-        raise ValueError(f"{text!r} holds control characters")
+        raise ValueError(f"{short(text)} holds control characters")
     return text
 
 
@@ -33,6 +35,8 @@ Line = Annotated[str, AfterValidator(_printable)]
 class Scene(Section):
     """What every scene has."""
 
-    title: Annotated[Line, Field(min_length=1, max_length=200)] = Field(description="one line, for lists and pictures")
+    title: Annotated[Line, Field(min_length=1, max_length=200)] = Field(
+        description="one line, for lists and pictures; the name of the file if not given"
+    )
     group: Annotated[Line, Field(max_length=80)] = Field(default="", description="heading in the list of scenes")
     description: Text = Field(default="", description="question, set-up, expected numbers")

@@ -148,7 +148,7 @@ class DemOutput(Section):
 class DemScene(Scene):
     """A sample of disks under loading."""
 
-    kind: Literal["dem"] = Field(description="for `granfabric dem`")
+    kind: Literal["dem"] = Field(description="for `granfabric dem`; follows from the tables if not given")
     packing: Packing = Field(default=Packing(), description="the disks")
     path: Annotated[list[DemLeg], Field(min_length=1, max_length=10_000)] = Field(description="legs of the loading")
     rates: Rates = Field(default=Rates(), description="how slow the loading is")

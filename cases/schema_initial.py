@@ -59,7 +59,11 @@ class FieldInitial(Initial):
         description="rise of xx, yy, xy along y [Pa/m]; of yy the unit weight, where the ground is level",
     )
     reference_point: Pair = Field(default=[0.0, 0.0], description="where `stress` holds: x, y [m]")
-    balance: bool = Field(default=False, description="balance the initial stress by constant reference forces")
+    balance: bool = Field(
+        default=False,
+        description="constant reference forces balance what initial stress and loads at the outset leave; otherwise it "
+        "fades out over the first stage",
+    )
 
     def _homogeneous(self) -> bool:
         return not any(self.stress_gradient_x) and not any(self.stress_gradient_y)

@@ -64,7 +64,9 @@ class BodyForceLoad(Section):
 class StageSection(Section):
     """One stage of loading: all loads go linearly from their values at the end of the stage before to these.
 
-    A first stage named "initial" holds its loads from the outset, in balance with the initial stress.
+    A first stage named "initial" holds its loads from the outset, in balance with the initial stress. What they do not
+    balance, which the run says before its first step, fades out over the first stage; of a first stage with another
+    name no load acts at the outset.
     """
 
     name: Annotated[Line, Field(min_length=1, max_length=80)] = Field(description="of the stage; names must differ")

@@ -19,7 +19,8 @@ from .compile_watch import watching
 from .errors import InputError
 from .interruption import StopWish, stop_wish
 from .material_file import material_text
-from .record import Record
+from .owner import Owner
+from .record import Record, versions
 from .screen import Screen
 from .verify_closures import CLOSURE_COLUMNS, PROBE_COLUMNS, closure_rows, probe_rows
 from .verify_dem import LOADINGS, STORE, DemStore, SeedResult, Stopped
@@ -34,9 +35,10 @@ PARTICLES, SEEDS = 2500, 1
 LEAST_PARTICLES, MOST_PARTICLES, MOST_SEEDS = 200, 200_000, 100
 COMPILATION_SECONDS = 60
 TITLE = "Point law against DEM"
+OWNER = Owner("verify", "verify", TITLE)
 
 
-def run_verify(folder: Path, particles: int, seeds: int, screen: Screen) -> Record:
+def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwrite: bool = False) -> Record:
     """Compare the point law with the DEM on the source's two loadings and write tables and figures.
 
     DEM runs of the same input in the folder are used again; begun ones are finished.
@@ -44,12 +46,14 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen) -> Reco
     Parameters
     ----------
     folder : Path
-        New, empty, or of an earlier run; tables and figures there are replaced.
+        New, empty, or of an earlier comparison; tables and figures there are replaced.
     particles : int
         Disks of a packing.
     seeds : int
         Packings, with seeds 1, 2, ...; the scatter between them is the yardstick of the errors.
     screen : Screen
+    overwrite : bool
+        Replace results of a scene too.
 
     Returns
     -------
@@ -69,36 +73,41 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen) -> Reco
     ):
         if not least <= value <= most:
             raise InputError(f"{name} {value} is outside [{least}, {most}]")
-    files.prepare_output(folder)
-    numbers = list(range(1, seeds + 1))
-    scene = {"title": TITLE, "kind": "verify", "particles": particles, "seeds": numbers}
-    record = Record(folder, "verify", scene, is_scene=False)
-    record.write()
-    study = None
-    with watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch, stop_wish(screen.announce_stop) as stop:
-        try:
-            with record.phase("dem", watch):
-                results = _judge(DemStore(folder / STORE, particles, watch.clock), numbers, screen, stop)
-            with record.phase("model", watch):
-                study = evaluate(results)
-        except Stopped:
-            record.outcome = "stopped"
-            record.message = "stopped; the same command goes on from here"
-        except (PackingError, ProbeError, SampleError, CellTooSmallError, ParameterError) as error:
-            record.outcome, record.message = "failed", str(error)
-        except KeyboardInterrupt as error:
-            raise record.broken_off("interrupted within a step") from error
-        except OSError as error:
-            raise record.broken_off(f"results cannot be written any more: {error}") from error
-    record.timing["compilation"] = watch.seconds
-    if study is not None:
-        try:
-            _write(study, record)
-        except KeyboardInterrupt as error:
-            raise record.broken_off("interrupted while drawing; the same command goes on from here") from error
-    record.write()
-    _report(study, record, screen)
-    return record
+    with files.held(folder, OWNER, overwrite):
+        files.prepare_output(folder, OWNER, overwrite)
+        screen.keep_log(folder / files.LOG, versions())
+        numbers = list(range(1, seeds + 1))
+        scene = {"title": TITLE, "kind": "verify", "particles": particles, "seeds": numbers}
+        record = Record(folder, "verify", scene, is_scene=False)
+        record.write()
+        study = None
+        with (
+            watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
+            stop_wish(screen.announce_stop) as stop,
+        ):
+            try:
+                with record.phase("dem", watch):
+                    results = _judge(DemStore(folder / STORE, particles, watch.clock), numbers, screen, stop)
+                with record.phase("model", watch):
+                    study = evaluate(results)
+            except Stopped:
+                record.outcome = "stopped"
+                record.message = "stopped; the same command goes on from here"
+            except (PackingError, ProbeError, SampleError, CellTooSmallError, ParameterError) as error:
+                record.outcome, record.message = "failed", str(error)
+            except KeyboardInterrupt as error:
+                raise record.broken_off("interrupted within a step") from error
+            except OSError as error:
+                raise record.broken_off(f"results cannot be written any more: {error}") from error
+        record.timing["compilation"] = watch.seconds
+        if study is not None:
+            try:
+                _write(study, record)
+            except KeyboardInterrupt as error:
+                raise record.broken_off("interrupted while drawing; the same command goes on from here") from error
+        record.write()
+        _report(study, record, screen)
+        return record
 
 
 def _judge(store: DemStore, seeds: Sequence[int], screen: Screen, stop: StopWish) -> list[SeedResult]:
@@ -170,7 +179,7 @@ def _report(study: Study | None, record: Record, screen: Screen) -> None:
             f"model {study.seconds['model']:.3f} s, compilation {record.timing['compilation']:.1f} s"
         )
     if record.outcome != "finished":
-        screen.say(f"{record.outcome}: {record.message}")
+        screen.say(f"{record.outcome}: {record.message}", insist=True)
     screen.say(f"{record.timing['total']:.1f} s in all; results in {record.folder}")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -187,7 +186,7 @@ class DemStore:
 
     def _read_notes(self, seed: int) -> dict[str, Any]:
         with suppress(OSError, ValueError):
-            notes = json.loads(self.path(seed, "notes.json").read_text(encoding="utf-8"))
+            notes = files.read_json(self.path(seed, "notes.json"))
             if isinstance(notes, dict) and isinstance(notes.get("seconds"), dict):
                 return notes
         return {"seconds": {}}

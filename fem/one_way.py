@@ -9,6 +9,7 @@ needs. No state is known between results.
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -49,13 +50,14 @@ class OneWayRun:
         on_step: Callable[[StepResult], None] | None,
         stop: Callable[[], bool] | None,
         on_checkpoint: Callable[[Checkpoint], None] | None,
+        clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self._problem = problem
         self._control = control
         self._on_step = on_step
         self._stop = stop
         self._on_checkpoint = on_checkpoint
-        self._accounting = Accounting()
+        self._accounting = Accounting(clock=clock)
         with self._accounting.phase("setup"):
             self._system = Equilibrium(problem, control, self._accounting)
             self._nodes = named_nodes(problem.space)

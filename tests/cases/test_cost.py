@@ -319,7 +319,8 @@ def test_finished_studies_survive_the_end_of_the_command(
         assert "finished: mesh; not computed: tangents, arcs" in text.getvalue()
     finished = ("mesh", "arcs") if error is StudyError else ("mesh",)
     names = {file.name for file in (tmp_path / "new").iterdir()}
-    assert names == {"cost.json", "cost.md", *(f"{name}.{kind}" for name in finished for kind in ("csv", "png"))}
+    made = (f"{name}.{kind}" for name in finished for kind in ("csv", "png"))
+    assert names == {"cost.json", "cost.md", "run.log", *made}
     monkeypatch.setattr(command, "chosen", lambda name: [mesh, arcs])
     before = (tmp_path / "new" / "mesh.csv").read_bytes()
     again = command.run_cost(None, tmp_path / "new", screen, quick=True, resume=True)

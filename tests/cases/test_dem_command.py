@@ -66,7 +66,7 @@ def test_files_and_columns(finished: Path, is_drawn: Callable) -> None:
     names = {file.name for file in finished.iterdir() if file.suffix != ".vtu"}
     pictures = {"overview.png", "packing.png", "distributions.png"}
     assert names == pictures | {
-        *("history.csv", "run.json", "scene.toml", "material.toml", "packing.npz", "checkpoint.npz"),
+        *("history.csv", "run.json", "run.log", "scene.toml", "material.toml", "packing.npz", "checkpoint.npz"),
         *("particles.pvd", "contacts.pvd"),
     }
     assert all(is_drawn(finished / name) for name in pictures)
@@ -193,7 +193,7 @@ def test_a_stop_while_packing_keeps_a_legal_folder(
     monkeypatch.setattr(dem, "make_packing", interrupted)
     result = granfabric("dem", "dem_biaxial", *SET, "-o", tmp_path)
     assert result.code == 1 and "stopped while packing" in result.out
-    assert {file.name for file in tmp_path.iterdir()} == {"run.json", "scene.toml"}
+    assert {file.name for file in tmp_path.iterdir()} == {"run.json", "run.log", "scene.toml"}
 
 
 def test_an_interruption_while_drawing_keeps_the_finished_run(

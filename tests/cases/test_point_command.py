@@ -78,7 +78,7 @@ def test_files_columns_and_bookkeeping_of_every_point_scene(
     result = granfabric("point", scene, "-o", tmp_path, *(() if drawn else NO_PICTURES))
     assert result.code == 0, result.err
     pictures = {"microvariables.png", "fabric_decomposition.png"} if drawn else set()
-    assert {file.name for file in tmp_path.iterdir()} == {"history.csv", "run.json", "scene.toml"} | pictures
+    assert {file.name for file in tmp_path.iterdir()} == {"history.csv", "run.json", "run.log", "scene.toml"} | pictures
     columns = history(tmp_path)
     assert list(columns)[: len(COLUMNS)] == COLUMNS
     np.testing.assert_array_equal(columns["step"], np.arange(len(columns["step"])))
