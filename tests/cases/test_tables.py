@@ -116,6 +116,37 @@ def test_table_of_a_dem_run(told: Any) -> None:
     ]
 
 
+def test_sliding_is_measured_on_the_first_leg_and_told(
+    told: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last record of a leg bears the number of the next; parameters and their misfit in per cent."""
+    asked: list[Any] = []
+    values = {"peak_stress_ratio": 0.412, "first_yield_stress_ratio": 0.0, "reference_plastic_strain": 5.4e-5,
+              "hardening_exponent": 2.0, "dilatancy": 1.06, "constant_volume_stress_ratio": 0.171}  # fmt: skip
+
+    def measure(history: Any, measured: Any, rattlers: str) -> Any:
+        asked.append((history, measured, rattlers))
+        return values, 0.0234
+
+    monkeypatch.setattr(dem, "measure_sliding", measure)
+    packing = {"coordination": 3.9, "solid_fraction": 0.85, "normal_stiffness": 1e9, "slip": 1.1}
+    (tmp_path / files.MATERIAL).write_text(material_text(packing, "made up"))
+    history = {"segment": np.array([0, 0, 0, 1, 1, 2]), "q": np.arange(6.0)}
+    record: Any = SimpleNamespace(folder=tmp_path, details={}, scene={"title": "made up"})
+    scene: Any = SimpleNamespace(measure=SimpleNamespace(rattlers="excluded"))
+    dem._measure_sliding(scene, SimpleNamespace(history=lambda: history), record, Screen())  # type: ignore[arg-type]
+    ((given, measured, rattlers),) = asked
+    assert given["q"].tolist() == [0, 1, 2, 3] and rattlers == "excluded"
+    assert measured == packing
+    assert told.lines == [
+        "sliding: peak 0.412, reference strain 5.40e-05, dilatancy 1.06 from q/p = 0.17 on; q/p at given strain within "
+        "2.3 % of the run"
+    ]
+    assert record.details["sliding"] == {**values, "misfit": 0.0234}
+    stored = tomllib.loads((tmp_path / files.MATERIAL).read_text())
+    assert stored["material"] == {**{k: v for k, v in packing.items() if k != "slip"}, **values}
+
+
 def test_inputs_that_go_to_a_material_file(monkeypatch: pytest.MonkeyPatch) -> None:
     """The packing's own fabric beside what was measured; what is not finite is left out."""
     measured = {"coordination": 3.9, "slip": 1.1, "isostatic_coordination": float("nan")}
