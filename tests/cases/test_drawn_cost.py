@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drawn import curves, heading, legend, words
+from drawn import check_in_sight, curves, heading, legend, words
 from matplotlib.colors import to_hex
 
 from cases.cost import (
@@ -88,6 +88,8 @@ def check_work_precision(
         check_panel(left, members, "seconds", "on_front", series, competing)
         check_panel(right, members, "count", "on_front_by_count", series, competing)
         assert left.get_xscale() == left.get_yscale() == right.get_xscale() == "log"
+        for axes in (left, right):
+            check_in_sight(axes)
     texts = [text for text in legend(figure) if text != FRONT]
     assert texts == [(names or {}).get(name, name) for name in series]
     for handle, name in zip(figure.legends[0].legend_handles, series):
