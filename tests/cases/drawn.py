@@ -77,11 +77,25 @@ def same(found: tuple[Any, Any], x: Any, y: Any) -> None:
 
 
 def check_curves(axes: Any, x: Any, expected: dict[str, Any]) -> None:
-    """All named curves of axes, in any order, over one abscissa; and that no other has a name."""
+    """All named curves of axes, in any order, over one abscissa; that no other has a name, and that all is in sight."""
     found = curves(axes)
     assert set(found) == set(expected)
     for label, y in expected.items():
         same(found[label], x, y)
+    check_in_sight(axes)
+
+
+def check_in_sight(axes: Any) -> None:
+    """See that no point of a curve lies outside the limits of its axes."""
+    for values, limits in (("get_xdata", axes.get_xlim()), ("get_ydata", axes.get_ylim())):
+        low, high = min(limits), max(limits)
+        slack = 1e-9 * (high - low)
+        for line in axes.get_lines():
+            if line.get_transform() != axes.transData:
+                continue  # a line across the whole axes
+            data = np.asarray(getattr(line, values)(), dtype=float)
+            data = data[np.isfinite(data)]
+            assert not data.size or (low - slack <= data.min() and data.max() <= high + slack), line.get_label()
 
 
 def heading(figure: Any) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drawn import curves, heading, legend, words
+from drawn import check_in_sight, curves, heading, legend, words
 from matplotlib.colors import to_hex
 
 from cases.cost import (
@@ -88,6 +88,8 @@ def check_work_precision(
         check_panel(left, members, "seconds", "on_front", series, competing)
         check_panel(right, members, "count", "on_front_by_count", series, competing)
         assert left.get_xscale() == left.get_yscale() == right.get_xscale() == "log"
+        for axes in (left, right):
+            check_in_sight(axes)
     texts = [text for text in legend(figure) if text != FRONT]
     assert texts == [(names or {}).get(name, name) for name in series]
     for handle, name in zip(figure.legends[0].legend_handles, series):
@@ -432,3 +434,96 @@ def test_findings_on_closures() -> None:
 def test_every_picture_of_a_study_is_tested_here() -> None:
     assert set(STUDIES) == {*LABELS, "effects", "decisions", "tangents", "distributions", "closures"}
     assert work_precision_module.FRONT == FRONT
+
+
+def test_findings_on_integrators_and_arcs() -> None:
+    facet = "mean field, 1e-4"
+    table = [
+        {"facet": facet, "series": name, "setting": f"{n:.0f} substeps", "integrator": key, "error": 2.0 * n**-order,
+         "error_biaxial": n**-order, "substeps": 10.0 * n, "seconds": 1e-6 * n * stages, "count": stages * n,
+         "reference_uncertainty": 2e-14}
+        for key, name, order, stages in (
+            ("forward_euler", "Euler", 1.0, 1.0), ("bogacki_shampine", "Bogacki", 3.0, 4.0),
+        )
+        for n in (10.0, 100.0, 1000.0)
+    ]  # fmt: skip
+    told = integrators.findings(table)
+    # 1e-3: Bogacki with 100 (2e-6); Euler never (2e-3 with 1,000)
+    assert told[0] == (
+        "Mean field, one strain increment of 1e-4: an error of 0.001 costs least with Bogacki, 100 substeps (400 µs "
+        "and 400 evaluations of the rates a point and path)."
+    )
+    assert "The references are known to 2.0e-14." in told
+    names = integrators.NAMES
+    assert told[-1] == (
+        f"Observed orders in the number of substeps, biaxial path: {names['forward_euler']} 1.0, "
+        f"{names['bogacki_shampine']} 3.0."
+    )
+    made = [
+        {"facet": name, "directions": directions, "error": error, "seconds": seconds, "count": float(directions),
+         "distance_from_harmonic": 0.123}
+        for name, factor in (("harmonic", 1.0), ("maximum_entropy", 2.0), ("shifted_distribution", 3.0))
+        for directions, error, seconds in (
+            (8, 1e-3, 2e-6 * factor), (16, 3e-8, 4e-6 * factor), (arcs.DEFAULT_DIRECTIONS, 1e-12, 8e-6 * factor),
+        )
+    ]  # fmt: skip
+    made.append({"facet": "harmonic", "directions": 0, "error": 0.0, "seconds": 1e-6, "count": 0.0,
+                 "distance_from_harmonic": 0.0})  # fmt: skip
+    told = arcs.findings(made)
+    number = arcs.DEFAULT_DIRECTIONS
+    assert (
+        f"Mean field, harmonic distribution: {number} directions (the default) take 8 times the time of the harmonic "
+        "closed form."
+    ) in told
+    assert (
+        f"Shifted distribution of weak forces: {number} directions (the default) take 24 times the time of the "
+        "harmonic closed form."
+    ) in told
+    assert told[-1].startswith("At the end of the paths shifted distribution of weak forces is up to 0.12 from the ")
+
+
+def test_findings_on_distributions_tangents_and_disks() -> None:
+    table = [
+        {"facet": "0.9", "fabric": 0.9, "distribution": "harmonic", "directions": 0, "error": 0.0, "seconds": 1e-6,
+         "difference": 0.034, "difference_median": 0.0056, "failed_points": 0},
+        {"facet": "0.9", "fabric": 0.9, "distribution": "maximum_entropy", "directions": 32, "error": 1e-9,
+         "seconds": 5e-6, "difference": 0.034, "difference_median": 0.0056, "failed_points": 2},
+    ]  # fmt: skip
+    assert distributions.findings(table) == [
+        "|a_c| = 0.9: at the end of the paths the distributions differ by up to 0.034 (median 0.0056); maximum entropy "
+        "is within 1e-6 of its own limit with 32 directions, at 5 times the time of the harmonic closed form.",
+        "Points were refused in 1 settings: 0.9 and others.",
+    ]
+    made = [
+        {"series": f"{kind} tangent", "setting": "kept" if keep else "renewed", "tangent_kind": kind,
+         "keep_factor": keep, "seconds": 2.0 + place - 0.5 * keep, "newton_iterations": 10 + place,
+         "factorisations": 8 + place - 6 * keep,
+         "krylov_iterations": 3 * keep, "error": 1e-9 * (1 + place)}
+        for place, kind in enumerate(("propagated", "continuum", "elastic")) for keep in (0, 1)
+    ]  # fmt: skip
+    told = tangents.findings(made)
+    assert told[0] == (
+        "Least time: propagated tangent, kept (1.5 s, 10 Newton iterations, 2 factorisations, 3 Krylov iterations)."
+    )
+    assert (
+        "Continuum tangent: 11 Newton iterations; keeping the factor saves 6 of 9 factorisations and takes 0.83 of the "
+        "time."
+    ) in told
+    assert told[-1] == "All ways lead to the same end: means differ from the reference by at most 3.0e-09."
+    disks = [
+        {"facet": "disks", "disks": number, "packings": 1, "series": "one", "setting": f"{number} disks",
+         "error": number**-0.5, "error_coordination": 0.5 * number**-0.5, "error_fabric": 0.25,
+         "seconds": 0.01 * number, "packing_seconds": 0.004 * number, "reference_uncertainty": 0.0031}
+        for number in (100, 400, 1600)
+    ]  # fmt: skip
+    disks.append({"facet": "rate", "setting": "inertial number up to 1e-04", "error": 0.002, "seconds": 1.5})
+    told = dem.findings(disks)
+    assert told[0] == (
+        "One packing of 100 disks is 0.1 from the mean of 1600 disks (z 5 %, a_c 0.25) and takes 1 s, 40 % of it for "
+        "packing."
+    )
+    assert told[2] == (
+        "The distance falls with the number of disks to the power -0.50 (independent contacts: -0.5); the mean of 1600 "
+        "disks itself is known to 0.0031."
+    )
+    assert told[-1] == "Inertial number up to 1e-04: 2.0e-03 from the slowest run in 1.5 s of loading."

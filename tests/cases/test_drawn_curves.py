@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drawn import bands, check_curves, check_legend, curves, heading, legend, same, unnamed, words
+from drawn import bands, check_curves, check_in_sight, check_legend, curves, heading, legend, same, unnamed, words
 
 from cases import convergence, files, plots
 from cases.convergence import Level
@@ -95,12 +95,14 @@ def test_microvariables(turning: bool, pictures: dict[str, Any], tmp_path: Path)
             check_legend(one)
             continue
         line, start, end = unnamed(one)
+        check_in_sight(one)
         same(line, x, columns[name])
         # an open dot where the path begins, a full one where it ends
         same(start, x[:1], columns[name][:1])
         same(end, x[-1:], columns[name][-1:])
         assert one.get_lines()[1].get_markerfacecolor() == "white" != one.get_lines()[2].get_markerfacecolor()
     stress = axes[5]
+    check_in_sight(stress)
     s1 = (columns["stress_yy"] - columns["stress_xx"]) / 2 / columns["p"]
     s2 = -columns["stress_xy"] / columns["p"]
     same(unnamed(stress)[0], s1, s2)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drawn import bands, check_curves, check_legend, curves, heading, legend, same, unnamed, words
+from drawn import bands, check_curves, check_in_sight, check_legend, curves, heading, legend, same, unnamed, words
 from matplotlib.collections import EllipseCollection, LineCollection
 
 from cases import plots_dem, plots_distribution, plots_verify
@@ -73,6 +73,7 @@ def test_overview_of_a_dem_run(pictures: dict[str, Any], tmp_path: Path) -> None
     check_curves(quality, x[1:], {
         "unbalanced force": columns["unbalanced_force"][1:], "inertial number": columns["inertial_number"][1:],
     })  # fmt: skip
+    assert quality.get_yscale() == "log"
     colours = {line.get_label(): line.get_color() for line in quality.get_lines()}
     limits = {line.get_color(): line.get_ydata()[0] for line in quality.get_lines() if line.get_linestyle() == ":"}
     assert limits == {colours["unbalanced force"]: 3e-3, colours["inertial number"]: 7e-5}
@@ -170,6 +171,8 @@ def test_density_of_forces_with_its_line_at_zero(pictures: dict[str, Any]) -> No
         plots_distribution.draw_force_density(axes, FORCES)
     for patch in steps(axes):
         check_steps(patch, FORCES.overall)
+    assert axes.get_xlim() == (0.0, 4.0) and axes.get_ylim()[0] == 0.0
+    assert axes.get_ylim()[1] > max(FORCES.overall.density.max(), FORCES.at_zero.value)
     assert words(axes) == (
         "Normal forces", r"$\zeta = f_n/\langle f_n \rangle$ [-]", r"density $P_n(\zeta)$ [-]"
     )  # fmt: skip
@@ -185,6 +188,8 @@ def test_density_of_gaps_with_line_and_power_law(pictures: dict[str, Any]) -> No
         plots_distribution.draw_gap_density(axes, GAPS)
     for patch in steps(axes):
         check_steps(patch, GAPS.density)
+    assert axes.get_xlim() == (0.0, 0.8) and axes.get_ylim()[0] == 0.0
+    assert axes.get_ylim()[1] > GAPS.at_zero.value
     line, law = r"line on [0, 0.1]: $P_{\xi 0}$ = 4.21 $\pm$ 0.37", r"power law $\xi^{-0.42}$ on the same range"
     assert set(legend(axes)) == {"DEM, 555 gaps", line, law}
     same(curves(axes)[line], [0.0, 0.1], [4.21, 4.21 - 0.9])
@@ -368,6 +373,7 @@ def test_model_and_dem_are_told_apart(packing: Any, seeds: int, pictures: dict[s
         for one, quantity, symbol in zip(axes, plots_verify.SYMBOLS, SYMBOLS, strict=True):
             assert one.get_title("left") == f"{symbol}, {title}"
             found = curves(one)
+            check_in_sight(one)
             assert set(found) == {grains, *CLOSURES}
             same(found[grains], LEVELS[::3], made.dem[loading][quantity].mean(axis=0)[::3])
             for closure in CLOSURES:

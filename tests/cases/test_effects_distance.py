@@ -14,9 +14,12 @@ from cases.cost.study import Effort
 from cases.effects_choice import EffectSet
 from cases.effects_compare import Outcome, distance, run_field, run_point
 from cases.effects_decision import Decision
-from cases.effects_trial import QUANTITIES, Trial, differences, largest
+from cases.effects_probe import Paths
+from cases.effects_trial import QUANTITIES, Trial, differences, follow, largest
 from cases.prepare import prepare
 from cases.scene import load
+from constitutive.law import ContactLaw
+from constitutive.parameters import Material
 
 POINTS, NODES = 4, 3
 P = 2e5
@@ -183,3 +186,20 @@ def test_a_field_run_keeps_all_its_steps_and_points() -> None:
     np.testing.assert_allclose(found.trial.coordination[0], loaded.scene.material.coordination)
     assert found.trial.coordination[-1].max() < loaded.scene.material.coordination
     assert found.counters["law_calls"] > 0 and found.seconds > 0
+
+
+def test_points_whose_rates_are_clipped_are_followed_on() -> None:
+    """The flag is no failure: a fabric beyond one is driven like the others, and what fails stays where it is."""
+    contact_law = ContactLaw([Material(coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9)])
+    strain = np.zeros((3, 3, 3))
+    strain[1:, :2] = [[2e-6, -2e-6, 0.0]], [[4e-6, -4e-6, 0.0]]
+    strain[1:, 2] = [1e-3, 1e-3, 0.0]  # far beyond zero pressure
+    paths = Paths(
+        strain, np.tile([-P, -P, 0.0], (3, 3, 1)), np.ones(3) / 3, np.zeros((3, 2)), np.zeros(3, dtype=np.int32),
+        np.full(3, 4.06), np.array([[0.0, 0.0], [1.2, 0.0], [0.0, 0.0]]),
+    )  # fmt: skip
+    found = follow(contact_law, paths)
+    assert found.reached.tolist() == [2, 2, 0]
+    assert (np.diff(found.stress[:, :2, 0], axis=0) != 0.0).all()
+    np.testing.assert_array_equal(found.stress[2, 2], [-P, -P, 0.0])
+    np.testing.assert_allclose(found.fabric[0, 1], [1.2, 0.0])

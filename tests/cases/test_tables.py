@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import meshio
 import numpy as np
 import pytest
 
@@ -28,9 +30,12 @@ from cases.effects_audit import Audit, Neglected
 from cases.effects_choice import EffectSet
 from cases.effects_decision import Decision, Judged
 from cases.effects_numbers import Numbers
+from cases.material_file import material_text
 from cases.schema_closed_form import ClosedForm, HoleInPlate
 from cases.screen import Screen, spread
 from constitutive.effects import Effects
+from constitutive.parameters import CLOSURE_NUMBERS
+from fem.mesh_error import stress_error
 
 
 def history(folder: Path) -> dict[str, np.ndarray]:
@@ -109,6 +114,64 @@ def test_table_of_a_dem_run(told: Any) -> None:
         f"{h['inertial_number'].max():.1e}, unbalanced force up to {h['unbalanced_force'].max():.1e}",
         "packing 1.0 s, measuring 2.0 s, loading 3.2 s, compilation 0.5 s; results in there",
     ]
+
+
+def test_sliding_is_measured_on_the_first_leg_and_told(
+    told: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last record of a leg bears the number of the next; parameters and their misfit in per cent."""
+    asked: list[Any] = []
+    values = {"peak_stress_ratio": 0.412, "first_yield_stress_ratio": 0.0, "reference_plastic_strain": 5.4e-5,
+              "hardening_exponent": 2.0, "dilatancy": 1.06, "constant_volume_stress_ratio": 0.171}  # fmt: skip
+
+    def measure(history: Any, measured: Any, rattlers: str) -> Any:
+        asked.append((history, measured, rattlers))
+        return values, 0.0234
+
+    monkeypatch.setattr(dem, "measure_sliding", measure)
+    packing = {"coordination": 3.9, "solid_fraction": 0.85, "normal_stiffness": 1e9, "slip": 1.1}
+    (tmp_path / files.MATERIAL).write_text(material_text(packing, "made up"))
+    history = {"segment": np.array([0, 0, 0, 1, 1, 2]), "q": np.arange(6.0)}
+    record: Any = SimpleNamespace(folder=tmp_path, details={}, scene={"title": "made up"})
+    scene: Any = SimpleNamespace(measure=SimpleNamespace(rattlers="excluded"))
+    dem._measure_sliding(scene, SimpleNamespace(history=lambda: history), record, Screen())  # type: ignore[arg-type]
+    ((given, measured, rattlers),) = asked
+    assert given["q"].tolist() == [0, 1, 2, 3] and rattlers == "excluded"
+    assert measured == packing
+    assert told.lines == [
+        "sliding: peak 0.412, reference strain 5.40e-05, dilatancy 1.06 from q/p = 0.17 on; q/p at given strain within "
+        "2.3 % of the run"
+    ]
+    assert record.details["sliding"] == {**values, "misfit": 0.0234}
+    stored = tomllib.loads((tmp_path / files.MATERIAL).read_text())
+    assert stored["material"] == {**{k: v for k, v in packing.items() if k != "slip"}, **values}
+
+
+def test_inputs_that_go_to_a_material_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The packing's own fabric beside what was measured; what is not finite is left out."""
+    measured = {"coordination": 3.9, "slip": 1.1, "isostatic_coordination": float("nan")}
+    monkeypatch.setattr(
+        dem, "measure_material", lambda sample, rattlers, size: {**measured, "asked": len(rattlers) + size}
+    )
+    monkeypatch.setattr(dem, "contacts_of", lambda sample: sample)
+    monkeypatch.setattr(dem, "fabric_anisotropy", lambda contacts: np.array([0.02, -0.03]))
+    found = dem.measured_inputs(None, "excluded", 0.04)  # type: ignore[arg-type]
+    assert found == {
+        "coordination": 3.9, "slip": 1.1, "asked": 8.04, "initial_fabric_xx": 0.02, "initial_fabric_xy": -0.03
+    }  # fmt: skip
+
+
+def test_closure_that_a_material_file_names() -> None:
+    """With all its numbers the closure that disks agree with; isostatic only below the coordination number."""
+    numbers = dict.fromkeys(CLOSURE_NUMBERS, 0.5)
+    packing = {"coordination": 3.9, "solid_fraction": 0.85, "normal_stiffness": 1e9}
+    for isostatic, expected in ((2.6, "isostatic"), (4.0, None)):
+        tables = tomllib.loads(material_text({**packing, "isostatic_coordination": isostatic, **numbers}, "made up"))
+        assert tables["closure"]["force_change"] == "shifted_distribution"
+        assert tables["closure"].get("shear_stiffness") == expected
+        assert tables["material"] == {**packing, "isostatic_coordination": isostatic}
+    few = tomllib.loads(material_text({**packing, "slip": 1.0, "peak": 2.0}, "made up"))
+    assert few["closure"] == {"slip": 1.0} and few["measured"] == {"peak": 2.0}
 
 
 # closed forms
@@ -314,6 +377,27 @@ def test_sentences_of_the_audit() -> None:
 
 
 # the mesh, accuracy, scenes
+
+
+def test_the_mesh_is_judged_by_the_change_of_stress_region_by_region(
+    solve_scene: Callable, tmp_path: Path
+) -> None:
+    """Worst cell, error of each cell and of the whole, against the estimate itself."""
+    problem, steps = solve_scene("layered_oedometer", "stage.1.increments=1")
+    space, last = problem.space, steps[-1]
+    region = problem.material_index.reshape(space.nelements, -1)[:, 0]
+    assert len(np.unique(region)) > 1
+    found = stress_error(space, last.stress - problem.initial_stress, region)
+    record: Any = SimpleNamespace(details={})
+    mesh_judgement.judge(tmp_path, record, problem, last)
+    assert record.details["mesh_error"]["stress"] == found.relative
+    worst = space.host_mesh.mesh.p[:, space.host_mesh.mesh.t[:, found.of_cells.argmax()]].mean(axis=1)
+    assert record.details["mesh_error"]["place"] == pytest.approx(worst.tolist())
+    written = meshio.read(tmp_path / "mesh_error.vtu")
+    np.testing.assert_array_equal(written.cell_data["stress_error"][0], found.of_cells)
+    # without regions, or of the whole stress, it would be another
+    assert stress_error(space, last.stress - problem.initial_stress).relative != found.relative
+    assert stress_error(space, last.stress, region).relative != found.relative
 
 
 def test_line_on_the_mesh(told: Any) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cases import verify, verify_evaluate, verify_model, verify_probes, verify_text
+from cases import verify, verify_cost, verify_evaluate, verify_model, verify_probes, verify_text
 from cases.cost import closures as cost_closures
 from cases.screen import Screen
 from cases.verify_closures import CLOSURE_COLUMNS, PROBE_COLUMNS, closure_rows, probe_rows
@@ -120,6 +120,19 @@ def test_probes_of_the_model_against_closed_forms() -> None:
         assert found[name][0] == pytest.approx(-4.06 * loss, rel=0.15)
         assert found[name][1] == pytest.approx(fabric, rel=0.2)
     assert 0 < found["dp = +0.1 p, dq = 0.1 p"][1] < found["dp = -0.1 p, dq = 0.1 p"][1] + 0.05
+
+
+def test_an_update_is_told_in_microseconds_a_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Five batches of 2,000 points; the fastest takes 40 ms."""
+    now, spent = [0.0], iter([0.09, 0.05, 0.04, 0.06, 0.07])
+
+    def update(self: Any, *arguments: Any) -> None:
+        assert len(arguments[0]) == 2000 and arguments[5].shape == (2000, 3, 3)
+        now[0] += next(spent)
+
+    monkeypatch.setattr(ContactLaw, "update", update)
+    monkeypatch.setattr(verify_cost.time, "process_time", lambda: now[0])
+    assert verify_cost.microseconds_per_update(Closure(), INPUTS) == pytest.approx(20.0)
 
 
 # paths that turn

@@ -23,11 +23,13 @@ from dem_ref.fields import contact_fields, particle_fields
 from dem_ref.legs import stress_invariants
 from dem_ref.material import isostatic_coordination, mean_overlap, measure_material
 from dem_ref.measure import (
+    Contacts,
     contacts_of,
     coordination_number,
     fabric_anisotropy,
     force_harmonics,
     love_weber_stress,
+    rattler_minimum,
     sliding_fraction,
     unbalanced_force,
 )
@@ -683,3 +685,25 @@ def test_a_line_of_the_edge_density_has_both_errors():
     found = edge_density(data, w)
     assert (found.value, found.slope) == (pytest.approx(value.mean()), pytest.approx(slope.mean()))
     assert found.value_error == pytest.approx(value.std() / 2) and found.slope_error == pytest.approx(slope.std() / 2)
+
+
+def test_contacts_slide_within_half_a_per_cent_of_their_limit(packing):
+    """Friction 0.5: tangential forces of 0.996 of the limit slide, of 0.994 do not; without friction none does."""
+    force = np.ones(400)
+    shares = np.tile([0.996, -0.996, 0.994, 0.5], 100)
+    contacts = contact_list(np.zeros(400), force, 0.5 * shares)
+    assert sliding_fraction(packing, contacts) == 0.5
+    assert sliding_fraction(packing.with_friction(0.0), contacts) == 0.0
+
+
+def test_disks_are_held_by_two_contacts_with_friction_and_three_without():
+    """A ring of disks, two contacts each."""
+    lattice = triangular_lattice(4, 4, 1e-3)
+    assert rattler_minimum(lattice) == 2 and rattler_minimum(lattice.with_friction(0.0)) == 3
+    made = contact_list(np.zeros(16))
+    ring = Contacts(np.arange(16), (np.arange(16) + 1) % 16, made.image, made.normal, made.length, made.normal_force,
+                    made.tangential_force, made.key)  # fmt: skip
+    z = coordination_number(lattice, ring)
+    assert (z.all_particles, z.without_rattlers, z.rattler_fraction) == (2.0, 2.0, 0.0)
+    z = coordination_number(lattice.with_friction(0.0), ring)
+    assert (z.all_particles, z.without_rattlers, z.rattler_fraction) == (2.0, 0.0, 1.0)
