@@ -216,9 +216,8 @@ class _Neighbours:
                 away = points[node] - start[i]
                 place = np.einsum("ni,ni->n", away, along)
                 height = np.abs(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0])
-                own = (mesh.t[:, outline.cell[i]] == node).any(axis=0)
                 allowed = TOUCH * np.minimum(of_side[i], of_node[node])
-                on = (height <= allowed) & (place > allowed) & (place < length[i] - allowed) & ~own
+                on = (height <= allowed) & (place > allowed) & (place < length[i] - allowed)
                 hanging.append(np.stack([node[on], i[on], j[on]], axis=1))
                 for m in (0, 1):
                     mine = outline.ends[i, m]

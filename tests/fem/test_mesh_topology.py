@@ -74,7 +74,7 @@ def test_hanging_nodes_are_refused_whatever_is_asked_for(scale, turn):
     place = refused(HANGING, "hanging").places
     np.testing.assert_allclose(place[place[:, 0].argsort()], [[0.25, 1.0], [0.75, 1.0]])
     assert re.search(
-        r"node at \(0.25, 1\) lies on the side from \(0(.5)?, 1\) to \(0(.5)?, 1\)", str(refused(HANGING, ""))
+        r"node at \(0.25, 1\) lies on the side from \(0(.5)?, 1\) to \(0(.5)?, 1\)", str(refused(HANGING, "hanging"))
     )
 
 
@@ -145,6 +145,16 @@ def test_overlaps_are_refused_whatever_is_asked_for(mesh, parts, turn):
         assert len(error.places)
 
 
+@pytest.mark.parametrize("parts", ["joined", "separate"])
+def test_a_spike_through_a_side(parts):
+    """The middles of all sides are free: only the sides that cross tell."""
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]), np.array([[0, 1, 2], [0, 2, 3]])
+    spike = np.array([[0.9, 0.9], [0.95, 2], [0.85, 2]]), np.array([[0, 1, 2]])
+    refused(together(square, spike), "2 parts that overlap: .*between region 'a' and region 'b'", parts)
+    away = spike[0] + [0, 0.11], spike[1]
+    refused(together(square, away), "2 parts that do not touch")
+
+
 def test_a_strip_that_runs_over_itself():
     """One part: a ring of more than one turn."""
     angle = np.linspace(0, 2.4 * np.pi, 40)
@@ -198,6 +208,14 @@ def test_a_crack_within_a_body():
     refused(mesh, r"the mesh has doubled nodes: .*in region 'body'; 5 such places")
     host = built(mesh, "separate")
     assert len(twin_sides(host.mesh)) == 6 and parts_of(host.mesh).max() == 0
+
+
+def test_a_thin_layer_is_no_pair_of_faces():
+    """Cells a thousand times as long as high, nodes above between those below."""
+    points, cells = block(4, 2, (0, 0), (4.0, 8e-4))
+    points[:, 0] += 0.5 * points[:, 1] / 8e-4
+    host = built((points, cells, {}))
+    assert not len(twin_sides(host.mesh))
 
 
 def test_words_for_parts():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 
 import meshio
 import numpy as np
@@ -244,6 +245,24 @@ def test_a_taken_name_is_refused(tmp_path):
             write_msh(tmp_path / "a.msh", groups=(*GROUPS, (1, 17, None, (3,)), (2, 30, "curve 17", (1,))))
         ).boundaries
     )
+
+
+@pytest.mark.parametrize("version", ["1", "2.2"])
+def test_a_negative_number_of_a_group_in_an_old_file(tmp_path, version):
+    """Gmsh turns the elements instead; other programs keep the sign."""
+    path = write_msh(tmp_path / "a.msh", version=version)
+    row = r"(\n\d+ 1) 1 (1 2 )" if version == "1" else r"(\n\d+ 1 2) 1 (1 )"
+    text, changed = re.subn(row, r"\1 -1 \2", path.read_text(), count=2)
+    assert changed == 2  # of the four elements of "bottom"
+    path.write_text(text)
+    check(read_mesh(path), expected(numbered(GROUPS) if version == "1" else GROUPS))
+
+
+def test_of_two_names_of_one_group_the_first_counts(tmp_path):
+    """As in Gmsh."""
+    data = write_msh(tmp_path / "a.msh").read_bytes()
+    (tmp_path / "a.msh").write_bytes(data.replace(b'6\n1 1 "bottom"', b'7\n1 1 "bottom"\n1 1 "second"'))
+    check(read_mesh(tmp_path / "a.msh"), expected())
 
 
 def test_one_of_several_files_of_a_mesh_is_refused(tmp_path):
