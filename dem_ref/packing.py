@@ -24,6 +24,7 @@ OVERPRESSURE = 10.0
 PRESSURE_FACTOR = 0.7
 LOOSE_TOLERANCE = 1.0e-2
 TIGHT_TOLERANCE = 2.0e-5
+MOST_DISKS = 10_000_000
 DISTRIBUTIONS = ("uniform", "uniform_area", "bidisperse", "monodisperse")
 
 
@@ -114,6 +115,7 @@ def make_packing(
     options.check()
     if not (is_whole(count) and count >= 50):
         raise SampleError(f"the number of disks is {count}, legal are whole numbers >= 50")
+    count = whole("the number of disks", count, 50, MOST_DISKS)
     seed = whole("seed", seed, 0, 2**63 - 1)
     report = progress or (lambda text, fraction: None)
     random = np.random.default_rng(seed)

@@ -35,7 +35,7 @@ class Problem:
     stages : sequence of Stage
     initial_stress : array_like, shape (3,) or (npt, 3), optional
         xx, yy, xy, tension positive [Pa]; zero if not given.
-    material_index : array_like of int, shape (npt,), optional
+    material_index : array_like of int or bool, shape (npt,), optional
         Row of the law's parameter table for each point.
     initial_state : array_like, shape (npt, nstate), optional
         Asked of the law if not given.
@@ -70,8 +70,10 @@ class Problem:
         self.material_index: NDArray[np.int32] | None = None
         try:
             if material_index is not None:
+                # a question of yes or no, as it is asked of places, chooses between two
+                chosen = np.asarray(material_index, dtype=np.int32) if _is_mask(material_index) else material_index
                 # how many rows there are only the law knows, which refuses others
-                self.material_index = index("the material index", material_index, space.npoints, 2**31)
+                self.material_index = index("the material index", chosen, space.npoints, 2**31)
             if initial_state is None:
                 state = law.initial_state(self.initial_stress, self.material_index)
             else:
@@ -86,6 +88,10 @@ class Problem:
     def starts_loaded(self) -> bool:
         """Whether the loads of the first stage act from the outset."""
         return self.stages[0].name == INITIAL
+
+
+def _is_mask(given: ArrayLike) -> bool:
+    return isinstance(given, np.ndarray) and given.dtype == np.bool_ and not isinstance(given, np.ma.MaskedArray)
 
 
 def _initial_stress(given: ArrayLike | None, npoints: int) -> Array:
