@@ -16,6 +16,7 @@ from fem.stepping import solve
 
 from . import closed_forms, comparison, files
 from .errors import InputError, RunError
+from .initial_balance import Balance
 from .plot_style import BLUE, RED, picture
 from .prepare import prepare
 from .record import versions
@@ -73,7 +74,8 @@ def solve_level(loaded: LoadedScene, refine: int) -> Level:
 
     summary = solve(problem, control, on_step=keep)
     if not summary.finished:
-        raise RunError(f"the mesh refined {refine} times was not solved: {summary.message}")
+        reminder = Balance(problem).reminder(summary.stage)
+        raise RunError(f"the mesh refined {refine} times was not solved: {summary.message}{reminder}")
     found = comparison.compare(loaded, problem, last[0])
     space = problem.space
     size = float(np.sqrt(space.weights.sum() / space.nelements))

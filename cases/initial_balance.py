@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ import numpy as np
 from fem.imbalance import InitialImbalance, initial_imbalance
 from fem.problem import Problem
 from fem.results import StepResult
+from fem.space import Space
+from fem.vectors import Array
 
 from .record import Record
 from .scene import LoadedScene
@@ -154,16 +157,43 @@ def report_release(balance: Balance, step: StepResult, record: Record, screen: S
 
 
 def pulling(loaded: LoadedScene, problem: Problem) -> list[str]:
-    """A warning for each pressure that is negative somewhere on its boundary: grains cannot be pulled."""
+    """A warning for each pressure or traction that pulls somewhere on its boundary: grains hold no tension.
+
+    A traction is judged by itself, so only where no pressure acts as well.
+    """
     said = []
-    for place, stage in enumerate(loaded.scene.stage):
+    stages = loaded.scene.stage
+    pressed = {load.boundary for stage in stages for load in (*stage.pressure, *stage.closed_form)}
+    for place, stage in enumerate(stages):
         for number, load in enumerate(stage.pressure):
             x, y = problem.space.nodes[problem.space.boundary_nodes(load.boundary)].T
             values = load.value + load.gradient[0] * x + load.gradient[1] * y
-            largest = float(np.abs(values).max(initial=0.0))
-            if values.min(initial=0.0) < -1e-9 * largest:
+            if _is_below(values.min(initial=0.0), np.abs(values).max(initial=0.0)):
+                where = loaded.label(["stage", place, "pressure", number])
                 said.append(
-                    f"warning: {loaded.label(['stage', place, 'pressure', number])}: the pressure on {load.boundary!r} "
-                    f"is {values.min():.4g} Pa, which pulls: pressure is compression positive"
+                    f"warning: {where}: the pressure on {load.boundary!r} is {values.min():.4g} Pa, which pulls: "
+                    "pressure is compression positive"
                 )
+        for number, load in enumerate(stage.traction):
+            outward = _outward(problem.space, load.boundary, load.value)
+            if load.boundary not in pressed and _is_below(-outward, float(np.hypot(*load.value))):
+                where = loaded.label(["stage", place, "traction", number])
+                said.append(f"warning: {where}: the traction on {load.boundary!r} pulls with {outward:.4g} Pa")
     return said
+
+
+def _is_below(value: float, size: float) -> bool:
+    """Whether a value is negative by more than rounding."""
+    return value < -1e-9 * size
+
+
+def _outward(space: Space, boundary: str, value: list[float]) -> float:
+    """Largest component of a traction along the outward normal of a boundary [Pa]."""
+    found = [-math.inf]
+
+    def seen(x: Array, y: Array, nx: Array, ny: Array) -> Array:
+        found.append(float((value[0] * nx + value[1] * ny).max()))
+        return np.zeros((len(x), 2))
+
+    space.traction_vector(boundary, seen)
+    return max(found)

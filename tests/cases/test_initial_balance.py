@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cases.catalogue import shipped
-from cases.initial_balance import Balance, percent
+from cases.initial_balance import Balance, percent, pulling
 from cases.prepare import prepare
 from cases.scene import load
 from cases.screen import Screen
@@ -99,8 +99,10 @@ def test_percent() -> None:
 
 @pytest.mark.parametrize("name", sorted(entry.name for entry in shipped().values() if entry.kind == "field"))
 def test_shipped_scenes_are_in_balance_or_say_what_balances_them(name: str) -> None:
-    balance = Balance(prepare(load(name)).problem)
-    assert not balance.warned
+    loaded = load(name)
+    problem = prepare(loaded).problem
+    balance = Balance(problem)
+    assert not balance.warned and pulling(loaded, problem) == []
     if name == "strip_footing":
         assert balance.found.share > 0.5 and "constant reference forces" in balance.text()
     else:
@@ -148,6 +150,21 @@ def test_a_pressure_of_the_wrong_sign_is_told_and_told_again_when_the_run_fails(
 def test_a_gradient_that_turns_a_pressure_into_a_pull(run: Callable) -> None:
     result, _ = run(SPECIMEN, "stage.0.pressure.0.gradient=[0.0, -3e6]", *ONE_WAY)
     assert "pressure 1: the pressure on 'left' is -2e+05 Pa, which pulls" in result.out
+
+
+@pytest.mark.parametrize(
+    ("traction", "said"), [("[5e3, 1e5]", True), ("[-5e3, 1e5]", False), ("[0.0, 1e5]", False), ("[5e3, 0.0]", True)]
+)
+def test_tractions_that_pull(tmp_path: Path, traction: str, said: bool) -> None:
+    """Outwards on a side without pressure; what acts beside a pressure cannot be told by itself."""
+    (tmp_path / "own.toml").write_text(SPECIMEN)
+    loads = [f"stage.1.traction=[{{boundary='right', value={traction}}}]", "stage.0.pressure=[]"]
+    loaded = load(str(tmp_path / "own.toml"), loads)
+    warnings = pulling(loaded, prepare(loaded).problem)
+    expected = 'warning: stage 2 "compression": traction 1: the traction on \'right\' pulls with 5000 Pa'
+    assert warnings == ([expected] if said else [])
+    loaded = load(str(tmp_path / "own.toml"), loads[:1])
+    assert pulling(loaded, prepare(loaded).problem) == []
 
 
 def test_a_failure_that_has_other_reasons_does_not_speak_of_the_initial_state(run: Callable) -> None:
