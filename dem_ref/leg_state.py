@@ -56,13 +56,11 @@ class LegState:
         """Inverse of `to_array`."""
         if a.shape != (LEG_NUMBERS,):
             raise SampleError(f"a stored state of a leg has {LEG_NUMBERS} numbers, not {a.shape}")
-        progress, pace, settled, inertial_number, unbalanced, watched, seen_progress, seen_unrest = (
-            float(v) for v in a[:8]
-        )
-        *vectors, seen_strain = (a[k : k + 3].copy() for k in range(8, LEG_NUMBERS, 3))
+        progress, pace, settled, inertial_number, unbalanced, *seen = (float(v) for v in a[:8])
+        start_stress, start_strain, target, softening, seen_strain = (a[k : k + 3].copy() for k in range(8, 23, 3))
         return LegState(
-            progress, pace, settled, *vectors, inertial_number, unbalanced, watched, seen_progress, seen_unrest,
-            seen_strain,
+            progress, pace, settled, start_stress, start_strain, target, softening, inertial_number, unbalanced,
+            seen[0], seen[1], seen[2], seen_strain,
         )  # fmt: skip
 
     def stands_still(self, strain: NDArray[np.float64], unrest: float, elastic_strain: float) -> bool:

@@ -189,8 +189,8 @@ def isostatic_coordination(sample: Sample, modulus: float, rattlers: str) -> flo
 def _isostatic(sample: Sample, modulus: float, modulus_error: float, rattlers: str) -> Measured:
     """The same with its error; that of the modulus is relative, of the mean over two directions.
 
-    ``z_iso = z - dz/s`` with the contacts lost on unloading and the softening s. Both hang on a count of few contacts, and
-    s on the direction of the one modulus after unloading, which differs from the mean by as much as that may be off.
+    ``z_iso = z - dz/s`` with the contacts lost on unloading and the softening s. Both hang on a count of few contacts,
+    and s on the direction of the one modulus after unloading, which is off as much as the mean of two may be.
     """
     p = stress_invariants(love_weber_stress(sample))[0]
     probe = stress_probe(sample, -UNLOADING * p, 0.0, limits=ELASTIC_LIMITS)

@@ -20,8 +20,8 @@ ELASTIC_PROBE = 2.0e-3
 PROBE_LIMITS = RateLimits(inertial_number=3.0e-6, unbalanced_force=1.0e-4)
 ELASTIC_LIMITS = RateLimits(inertial_number=1.0e-6, unbalanced_force=1.0e-5, lag=1.0e-3)
 AT_REST = 5.0e-5
-"""Largest unbalanced force, over the mean contact force, of a sample at rest: a fortieth of what an elastic probe changes.
-Packings are made with 2e-5, probes end below that."""
+"""Largest unbalanced force, over the mean contact force, of a sample at rest: a fortieth of what an elastic probe
+changes. Packings are made with 2e-5, probes end below that."""
 
 
 class ProbeError(RuntimeError):
@@ -194,8 +194,8 @@ def at_rest(sample: Sample) -> Sample:
         return settled(sample)
     except ProbeError as error:
         raise ProbeError(
-            f"the sample is not at rest (unbalanced force {unbalanced:.2g}) and does not come to rest when it is held at "
-            f"its stress: {error}"
+            f"the sample is not at rest (unbalanced force {unbalanced:.2g}) and does not come to rest when it is held "
+            f"at its stress: {error}"
         ) from error
 
 
@@ -223,9 +223,9 @@ def moduli_errors(isotropic: list[Probe], shear: list[Probe]) -> tuple[float, fl
     """Relative standard errors of the bulk and the shear modulus, from how much directions differ.
 
     An endless packing has one shear modulus and takes no shear strain under pressure. A small one answers two shears at
-    45 degrees by a symmetric matrix ``[[G + D, H], [H, G - D]]``, of which D and H vary as a single direction does about
-    the mean, ``sqrt(D^2 + H^2)``; the mean of two directions has 1/sqrt(2) of that. In the same way the shear strain
-    that pressure causes, over the change of area, is what single directions of the bulk modulus differ by.
+    45 degrees by a symmetric matrix ``[[G + D, H], [H, G - D]]``, of which D and H vary as a single direction does
+    about the mean, ``sqrt(D^2 + H^2)``; the mean of two directions has 1/sqrt(2) of that. In the same way the shear
+    strain that pressure causes, over the change of area, is what single directions of the bulk modulus differ by.
     """
     strain = np.array([_shear_strain(probe) for probe in shear])
     stress = np.array([_shear_stress(probe) for probe in shear])

@@ -9,7 +9,8 @@ from dem_ref.endings import Ending
 from dem_ref.leg_state import LEG_NUMBERS
 
 _NUMBER_ARRAYS: dict[str, tuple[int, ...]] = {
-    "run_numbers": (22,), "leg_state": (LEG_NUMBERS,), "motion_stress": (3,), "motion_measures": (8,), "motion_tally": (3,)
+    "run_numbers": (22,), "leg_state": (LEG_NUMBERS,), "motion_stress": (3,), "motion_measures": (8,),
+    "motion_tally": (3,),
 }  # fmt: skip
 
 

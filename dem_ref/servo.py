@@ -127,9 +127,10 @@ class Loading:
             state.target = self._values(0.0, state)
             state.seen_strain = state.start_strain.copy()
         self.state = state
-        self.reference_pressure = mean_pressure(state.start_stress) if reference_pressure is None else reference_pressure
-        if not self.reference_pressure > 0.0:
-            raise SampleError(f"the mean pressure is {self.reference_pressure:.4g} Pa, a loading needs a compressed sample")
+        reference = mean_pressure(state.start_stress) if reference_pressure is None else reference_pressure
+        if not reference > 0.0:
+            raise SampleError(f"the mean pressure is {reference:.4g} Pa, a loading needs a compressed sample")
+        self.reference_pressure = reference
 
     @property
     def given_up(self) -> bool:
@@ -158,45 +159,6 @@ class Loading:
         return float(np.linalg.norm(moved[free])) > self.leg.largest_strain + DILATION * float(
             np.linalg.norm(moved[~free])
         )
-
-    def _values(self, progress: float, state: LegState) -> NDArray[np.float64]:
-        return np.asarray(self.leg.values(progress, state.start_stress, state.start_strain), dtype=np.float64)
-
-    def _pressure(self) -> float:
-        return max(mean_pressure(self.motion.stress), 1e-12 * self.motion.sample.normal_stiffness)
-
-    def _has_lost_its_pressure(self) -> bool:
-        least = LOST_PRESSURE * self.reference_pressure
-        if not any(self.leg.strain_controlled):
-            asked = mean_pressure(from_vector(np.asarray(self.leg.directions).T @ self.state.target))
-            least = max(min(least, 0.5 * asked), SMALLEST_PRESSURE * self.reference_pressure)
-        return mean_pressure(self.motion.stress) < least
-
-    def _flows(self, directions: NDArray[np.float64], free: NDArray[np.bool_]) -> bool:
-        """Whether directions under stress have gone so far that the sample does not carry what is asked for."""
-        strain = self.motion.sample.strain - self.state.start_strain
-        if free.all():
-            return bool(np.abs(strain).max() > self.leg.largest_strain)
-        moved = directions @ to_vector(strain)
-        return float(np.linalg.norm(moved[free])) > self.leg.largest_strain + DILATION * float(
-            np.linalg.norm(moved[~free])
-        )
-
-    def _stands_still(self, unrest: float, bulk_strain: float) -> bool:
-        """Whether, since the last look `WATCH` chunks ago, nothing moved, got on or became calmer."""
-        state, strain = self.state, self.motion.sample.strain
-        state.watched += 1.0
-        if state.watched < WATCH:
-            return False
-        alive = (
-            state.progress - state.seen_progress > LEAST_PROGRESS
-            or float(np.abs(strain - state.seen_strain).max()) > LEAST_STRAIN * bulk_strain
-            or (state.progress >= 1.0 and unrest < LEAST_CALMING * state.seen_unrest)
-        )
-        state.watched, state.seen_progress = 0.0, state.progress
-        state.seen_strain = strain.copy()
-        state.seen_unrest = unrest if state.progress >= 1.0 else np.inf
-        return not alive
 
     def _strain_of(self, change: NDArray[np.float64], compliance: NDArray[np.float64]) -> float:
         """Size sqrt(2 e:e) of the strain that a change of the prescribed values asks for."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import pi
 
 import numpy as np
@@ -210,7 +211,7 @@ def sliding_errors(part: PlasticPart, hardening: Hardening) -> dict[str, float]:
     edges = np.arange(part.shear[first], part.shear[-1], WINDOW * (part.shear[-1] - part.shear[0]))
     grid = np.linspace(edges[0], part.shear[-1], 401)
     even = np.interp(grid, part.shear, part.stress_ratio)
-    windows = [even[(grid >= low) & (grid < high)].mean() for low, high in zip(edges[:-1], edges[1:])]
+    windows = [even[(grid >= low) & (grid < high)].mean() for low, high in pairwise(edges)]
     peak_error = float(np.std(windows, ddof=1)) if len(windows) > 1 else float("nan")
 
     at = _passages(part, peak)

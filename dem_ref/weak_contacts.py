@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 
 WEAK_FORCE = 0.15
 """Contacts up to this share of the mean normal force are near opening."""
-FEWEST_WEAK = 3
-"""Below that a straight line has no scatter about it."""
+FEWEST_WEAK = 2
+"""A straight line goes through two; its scatter is then zero, as its error tells."""
 SCATTER_FORCES = (0.1, 0.5)
 """Contacts whose residual change after a loop is taken: weak, but so that few are lost in the loop."""
 LOOP_STRESS_RATIO = 0.05
