@@ -114,7 +114,8 @@ def _overview(folder: Path, columns: Columns, scene: dict[str, Any]) -> Path:
         for name, text, colour in (
             ("unbalanced_force", "unbalanced force", RED), ("inertial_number", "inertial number", BLUE)
         ):  # fmt: skip
-            quality.semilogy(x[late], columns[name][late], color=colour, label=text)
+            if (columns[name][late] > 0.0).any():  # without contacts there is no unbalanced force
+                quality.semilogy(x[late], columns[name][late], color=colour, label=text)
             quality.axhline(limits[name], color=colour, linestyle=":", linewidth=1.2)
         quality.set(title="(f) quasi-static? limits dotted", ylabel="[-]")
         for one in axes:

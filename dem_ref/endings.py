@@ -29,9 +29,9 @@ def ending_text(ending: Ending, pressure: float, reference: float, unbalanced_fo
     if ending == Ending.TOO_STRONG:
         return "it asks for a stress that the sample cannot carry, and was given up at a large strain"
     if ending == Ending.LOST_PRESSURE:
-        # a sample without contacts has the pressure -0.0
+        left = max(pressure, 0.0) + 0.0  # without contacts it is -0.0
         return (
-            f"the sample has lost its pressure: p = {max(pressure, 0.0):.3g} Pa of {reference:.4g} Pa at the start is "
+            f"the sample has lost its pressure: p = {left:.3g} Pa of {reference:.4g} Pa at the start is "
             "left, its disks hardly press on each other any more"
         )
     if ending == Ending.STOOD_STILL:

@@ -186,7 +186,7 @@ def at_rest(sample: Sample) -> Sample:
     """
     p = mean_pressure(love_weber_stress(sample))
     if not p > 0.0:
-        raise SampleError(f"the sample has no pressure (p = {max(p, 0.0):.3g} Pa): nothing can be measured on it")
+        raise SampleError(f"the sample has no pressure (p = {max(p, 0.0) + 0.0:.3g} Pa): nothing can be measured on it")
     if is_at_rest(sample):
         return sample
     unbalanced = unbalanced_force(sample)
