@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from constitutive.parameters import CLOSURE_NUMBERS, Closure, Material
+from constitutive.effects import Effects
+from constitutive.law import ContactLaw
+from constitutive.parameters import CLOSURE_NUMBERS, Closure, Material, ParameterError
 
 from .errors import InputError, several, short, unknown
+from .measured import Inputs, remarks
 from .toml_file import read_table
 from .toml_text import to_toml
 
@@ -63,16 +66,74 @@ def law_tables(measured: Mapping[str, float]) -> dict[str, dict[str, Any]]:
     return {section: entries for section, entries in tables.items() if entries}
 
 
-def material_text(measured: dict[str, float], origin: str) -> str:
-    """Text of a material file."""
+def refusal(values: Mapping[str, float]) -> str:
+    """What the law says against values that are within their bounds each but do not go together; empty if nothing."""
+    tables = law_tables(values)
+    closure = _closure(tables)
+    try:
+        ContactLaw(
+            [Material(**tables["material"])], Closure(**closure), Effects(sliding="peak_stress_ratio" in values)
+        )
+    except ParameterError as error:
+        return str(error)
+    return ""
+
+
+def _closure(tables: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Table [closure] with the choices that the measured numbers are for."""
+    closure = tables.get("closure", {})
+    if not all(name in closure for name in CLOSURE_NUMBERS):
+        return closure
+    # what these numbers were measured for, and what disks agree with; a scene may say otherwise
+    closure = {"force_change": "shifted_distribution", **closure}
+    if tables["material"].get("isostatic_coordination", math.inf) < tables["material"]["coordination"]:
+        closure = {"shear_stiffness": "isostatic", **closure}
+    return closure
+
+
+def material_text(
+    measured: Mapping[str, float],
+    origin: str,
+    errors: Mapping[str, float] | None = None,
+    missing: Sequence[str] = (),
+) -> str:
+    """Text of a material file.
+
+    Parameters
+    ----------
+    measured : mapping of str to float
+    origin : str
+        What it was measured on.
+    errors : mapping of str to float, optional
+        Standard errors, which stand as comments beside the values, with what is doubtful about them.
+    missing : sequence of str
+        What could not be measured.
+    """
     head = (
         f"# Measured on disks: {origin}\n"
         "# Read by point and field scenes: material_file = ..., or --set material_file=...\n"
     )
+    if errors is not None:
+        head += "# +- is the standard error of this packing against the mean of many made alike\n"
+    head += "".join(f"# {name} could not be measured on this packing\n" for name in missing)
     tables = law_tables(measured)
-    if all(name in tables.get("closure", {}) for name in CLOSURE_NUMBERS):
-        # what these numbers were measured for, and what disks agree with; a scene may say otherwise
-        tables["closure"] = {"force_change": "shifted_distribution", **tables["closure"]}
-        if tables["material"].get("isostatic_coordination", math.inf) < tables["material"]["coordination"]:
-            tables["closure"] = {"shear_stiffness": "isostatic", **tables["closure"]}
-    return head + to_toml(tables).lstrip()
+    if "closure" in tables:
+        tables["closure"] = _closure(tables)
+    text = to_toml(tables).lstrip()
+    return head + (text if errors is None else _commented(text, Inputs(dict(measured), dict(errors))))
+
+
+def _commented(text: str, inputs: Inputs) -> str:
+    """Errors and remarks at the ends of the lines that they belong to."""
+    doubtful = remarks(inputs)
+    lines = []
+    for line in text.splitlines():
+        name = line.partition(" = ")[0]
+        if name in inputs.errors and inputs.errors[name] != 0.0:
+            error = inputs.errors[name]
+            said = [f"+- {error:.2g}" if math.isfinite(error) else "+- ?", *doubtful.get(name, [])]
+            line += f"  # {'; '.join(said)}"
+        elif name in doubtful:
+            line += f"  # {'; '.join(doubtful[name])}"
+        lines.append(line)
+    return "\n".join(lines) + "\n"

@@ -14,5 +14,12 @@ def legs_of(scene: Any) -> list[Leg]:
         if part.rotation_degrees is not None:
             made.append(Leg(rotation_degrees=part.rotation_degrees, increments=part.increments))
         else:
-            made.append(Leg(control=tuple(part.control), target=tuple(part.target), increments=part.increments))
+            made.append(
+                Leg(
+                    control=tuple(part.control),
+                    target=tuple(part.target),
+                    increments=part.increments,
+                    relative=part.relative,
+                )
+            )
     return made

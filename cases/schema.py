@@ -46,6 +46,9 @@ class PathLeg(Section):
     target: Triple | None = Field(
         default=None, description="value at the end of the leg [Pa or -], shear strain as gamma_xy"
     )
+    relative: bool = Field(
+        default=False, description="target counts from stress and strain at the start of the leg, not from zero"
+    )
     rotation_degrees: Annotated[float, Field(ge=-36_000, le=36_000)] | None = Field(
         default=None, description="turn of the principal stress axes over the leg, anticlockwise"
     )
@@ -57,6 +60,8 @@ class PathLeg(Section):
             raise ValueError("a leg needs either control and target, or rotation_degrees")
         if self.rotation_degrees is not None and not (self.control is None and self.target is None):
             raise ValueError("a leg with rotation_degrees takes neither control nor target")
+        if self.rotation_degrees is not None and self.relative:
+            raise ValueError("relative = true goes with a target; rotation_degrees always turns from the start")
         return self
 
 

@@ -26,7 +26,7 @@ ADMITS: dict[str, tuple[str, ...]] = {
     "isotropic": (),
     "invariants": ("pressure_ratio", "stress_ratio", "direction_degrees"),
     "rotation": (),
-    "components": (),
+    "components": ("relative",),
 }
 """Keys of a leg that a loading must have, and may have besides."""
 
@@ -76,10 +76,18 @@ class DemLeg(Section):
     target: Triple | None = Field(
         default=None, description="value at the end of the leg [Pa or -], tension positive, shear strain as gamma_xy"
     )
+    relative: bool = Field(
+        default=False, description="target counts from stress and strain at the start of the leg, not from zero"
+    )
 
     @model_validator(mode="after")
     def _keys_fit(self) -> DemLeg:
-        given = {name for name, value in self if value is not None and name != "loading"}
+        given = {name for name, value in self if value is not None and value is not False and name != "loading"}
+        if self.relative and self.loading != "components":
+            raise ValueError(
+                f"relative = true goes with loading = 'components', not with {self.loading!r}, whose ratios are those "
+                "of the stress at the end"
+            )
         for name in NEEDS[self.loading]:
             if name not in given:
                 raise ValueError(f"loading = {self.loading!r} needs {name}")

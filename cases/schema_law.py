@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from typing import Any, Literal, get_type_hints
 
 from pydantic import Field, create_model, model_validator
 
 from constitutive.effects import Effects
-from constitutive.parameters import Closure, Integration, Material, ParameterError
+from constitutive.parameters import CLOSURE_NUMBERS, Closure, Integration, Material, ParameterError
 
 from .docstrings import parameter_texts
 from .schema_base import Section
@@ -23,10 +24,17 @@ def _material_section() -> type[Section]:
     return create_model("MaterialSection", __base__=Section, __doc__="One granular material.", **entries)
 
 
-def _declared_section(name: str, declaration: type, text: str, decided: tuple[str, ...] = ()) -> type[Section]:
+def _declared_section(
+    name: str,
+    declaration: type,
+    text: str,
+    decided: tuple[str, ...] = (),
+    largest: Mapping[str, float] | None = None,
+) -> type[Section]:
     """Section with the fields and defaults of a frozen dataclass, which also checks the values.
 
-    Fields named in `decided` may be "auto", and are if nothing is said.
+    Fields named in `decided` may be "auto", and are if nothing is said; numbers named in `largest` lie between zero and
+    that, which the check tells of the very key, so that the file it came from can be named.
     """
     hints = get_type_hints(declaration)
     entries: dict[str, Any] = {}
@@ -36,7 +44,11 @@ def _declared_section(name: str, declaration: type, text: str, decided: tuple[st
         hint = hints[entry.name]
         if entry.name in decided:
             hint, default = hint | Literal["auto"], "auto"
-        entries[entry.name] = (hint, Field(default, description=texts.get(entry.name)))
+        limits: dict[str, Any] = {}
+        meaning = texts.get(entry.name)
+        if largest is not None and entry.name in largest:
+            limits, meaning = {"ge": 0.0, "le": largest[entry.name]}, (meaning or "").rstrip(".")
+        entries[entry.name] = (hint, Field(default, description=meaning, **limits))
 
     def check(section: Any) -> Any:
         try:
@@ -65,7 +77,7 @@ def _effects_section() -> type[Section]:
 
 MaterialSection: Any = _material_section()
 ClosureSection: Any = _declared_section(
-    "ClosureSection", Closure, "How the change of contact forces is closed.", ("force_change",)
+    "ClosureSection", Closure, "How the change of contact forces is closed.", ("force_change",), CLOSURE_NUMBERS
 )
 IntegrationSection: Any = _declared_section("IntegrationSection", Integration, "Numerics of the update at a point.")
 EffectsSection: Any = _effects_section()

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from constitutive.parameters import ParameterError
+from dem_ref.motion import UnstableMotionError
 from dem_ref.neighbours import CellTooSmallError
 from dem_ref.packing import PackingError
 from dem_ref.probes import ProbeError
@@ -19,11 +20,12 @@ from .compile_watch import watching
 from .errors import InputError
 from .interruption import StopWish, stop_wish
 from .material_file import material_text
+from .measured import as_data, mean_of, warnings
 from .owner import Owner
 from .record import Record, versions
 from .screen import Screen
 from .verify_closures import CLOSURE_COLUMNS, PROBE_COLUMNS, closure_rows, probe_rows
-from .verify_dem import LOADINGS, STORE, DemStore, SeedResult, Stopped
+from .verify_dem import LOADINGS, STORE, DemStore, RunGivenUpError, SeedResult, Stopped
 from .verify_evaluate import evaluate
 from .verify_paths import PATH_COLUMNS
 from .verify_study import Study
@@ -36,6 +38,8 @@ LEAST_PARTICLES, MOST_PARTICLES, MOST_SEEDS = 200, 200_000, 100
 COMPILATION_SECONDS = 60
 TITLE = "Point law against DEM"
 OWNER = Owner("verify", "verify", TITLE)
+DEM_ERRORS = (PackingError, ProbeError, SampleError, CellTooSmallError, UnstableMotionError, RunGivenUpError)
+"""What ends the DEM's part with a sentence."""
 
 
 def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwrite: bool = False) -> Record:
@@ -93,7 +97,7 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwri
             except Stopped:
                 record.outcome = "stopped"
                 record.message = "stopped; the same command goes on from here"
-            except (PackingError, ProbeError, SampleError, CellTooSmallError, ParameterError) as error:
+            except (*DEM_ERRORS, ParameterError) as error:
                 record.outcome, record.message = "failed", str(error)
             except KeyboardInterrupt as error:
                 raise record.broken_off("interrupted within a step") from error
@@ -120,6 +124,8 @@ def _judge(store: DemStore, seeds: Sequence[int], screen: Screen, stop: StopWish
                 advance(place + fraction, f"packing {place + 1} of {len(seeds)} (seed {seed}): {text}")
 
             results.append(store.complete(seed, report, stop))
+            for line in warnings(results[-1].measured):
+                screen.say(f"seed {seed}: {line}")
             if stop.wished and seed != seeds[-1]:
                 raise Stopped
     return results
@@ -135,24 +141,20 @@ def _write(study: Study, record: Record) -> None:
     files.write_text(folder / "paths.csv", files.csv_text(PATH_COLUMNS, [row.row() for row in study.path_rows]))
     files.write_text(folder / "probes.csv", files.csv_text(PROBE_COLUMNS, probe_rows(study)))
     files.write_text(folder / "closures.csv", files.csv_text(CLOSURE_COLUMNS, closure_rows(study)))
-    inputs = mean_inputs(study.results)
-    files.write_text(folder / files.MATERIAL, material_text(inputs, f"mean of {len(study.results)} packings"))
+    measured = mean_of(result.measured for result in study.results)
+    count = len(study.results)
+    origin = f"mean of {count} packings" if count > 1 else "one packing"
+    text = material_text(measured.values, origin, measured.errors, measured.missing)
+    files.write_text(folder / files.MATERIAL, text)
     files.write_text(folder / "verify.md", summary(study))
     with record.phase("pictures"):
         draw_verify(folder, study)
     record.outcome = "finished"
-    record.message = "; ".join(study.messages)
-    record.details["inputs"] = inputs
+    record.message = "; ".join([*study.shortfalls, *study.messages])
+    record.details["inputs"] = measured.values
+    record.details["measured"] = as_data(measured)
     record.details["dem_computed_now"] = [result.seed for result in study.results if result.computed]
     record.details["seconds"] = {name: round(value, 6) for name, value in study.seconds.items()}
-
-
-def mean_inputs(results: Sequence[SeedResult]) -> dict[str, float]:
-    """Measured inputs, averaged over the packings that gave them."""
-    names = list(dict.fromkeys(name for result in results for name in result.inputs))
-    return {
-        name: float(np.mean([result.inputs[name] for result in results if name in result.inputs])) for name in names
-    }
 
 
 def _report(study: Study | None, record: Record, screen: Screen) -> None:
@@ -178,6 +180,8 @@ def _report(study: Study | None, record: Record, screen: Screen) -> None:
             f"packings of {record.scene['particles']} disks: {len(computed)} computed, {read} read; DEM {dem:.1f} s, "
             f"model {study.seconds['model']:.3f} s, compilation {record.timing['compilation']:.1f} s"
         )
+        for line in study.shortfalls:
+            screen.say(line)
     if record.outcome != "finished":
         screen.say(f"{record.outcome}: {record.message}", insist=True)
     screen.say(f"{record.timing['total']:.1f} s in all; results in {record.folder}")

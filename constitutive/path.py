@@ -79,12 +79,16 @@ class Leg:
     rotation_degrees : float, optional
         Instead of control and target: turn the principal axes of stress by this angle (counter-clockwise) at constant
         p and q, under stress control.
+    relative : bool
+        The target counts from stress and strain at the start of the leg, not from zero, each controlled component from
+        its own: zero keeps it as it is.
     """
 
     control: tuple[Control, Control, Control] = ("stress", "stress", "stress")
     target: tuple[float, float, float] | None = None
     increments: int = 1
     rotation_degrees: float | None = None
+    relative: bool = False
 
     def __post_init__(self) -> None:
         if not is_integer(self.increments) or not 1 <= self.increments <= MOST_INCREMENTS:
@@ -99,6 +103,8 @@ class Leg:
             raise ParameterError(f"path.target = {self.target!r} is not three finite numbers")
         if self.rotation_degrees is not None and not _is_finite(self.rotation_degrees):
             raise ParameterError(f"path.rotation_degrees = {self.rotation_degrees!r} is not finite")
+        if self.relative and self.target is None:
+            raise ParameterError("path.relative goes with a target; a rotation always turns from the start of its leg")
 
 
 @dataclass
@@ -212,7 +218,8 @@ def _increments(leg: Leg, stress: Array, strain: Array) -> tuple[np.ndarray, Arr
         return np.ones(3, dtype=np.uint8), np.stack([mean + turned_half, mean - turned_half, turned_shear], axis=1)
     control = np.array([entry == "stress" for entry in leg.control], dtype=np.uint8)
     start = np.where(control == 1, stress[0], strain[0])
-    return control, start + fractions * (np.array(leg.target) - start)
+    change = np.array(leg.target) if leg.relative else np.array(leg.target) - start
+    return control, start + fractions * change
 
 
 def drive(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from dem_ref.arrays import is_whole
 from dem_ref.biaxial import at_stress_ratios
 from dem_ref.packing import PackingOptions, make_packing
+from dem_ref.probes import is_at_rest
 from dem_ref.sample import Sample, SampleError, load_sample, save_sample
 
 Result = TypeVar("Result")
@@ -30,7 +31,8 @@ def stored_packing(
 ) -> Sample:
     """The packing of `make_packing`, read from `folder` when it is there, else made and stored.
 
-    The file's name carries a hash of the options; a damaged file is made anew.
+    The file's name carries a hash of the options; a damaged file, or one whose packing is not at
+    rest, is made anew.
     """
     options = options or PackingOptions()
     options.check()
@@ -38,9 +40,12 @@ def stored_packing(
     path = Path(folder) / f"packing_{count}_{seed}_{mark}.npz"
     if path.exists():
         try:
-            return load_sample(path)
+            stored = load_sample(path)
+            if is_at_rest(stored):
+                return stored
         except SampleError:
-            path.unlink()
+            pass
+        path.unlink()
     sample = make_packing(count, seed, options, progress)
     path.parent.mkdir(parents=True, exist_ok=True)
     save_sample(path, sample)

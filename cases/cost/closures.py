@@ -17,9 +17,11 @@ from constitutive.law import ContactLaw
 from constitutive.parameters import Closure, Integration
 from dem_ref.biaxial import RunOptions
 from dem_ref.path import Segment, biaxial_test, loading_cycles
+from dem_ref.probes import ProbeError
+from dem_ref.sample import SampleError
 
 from .. import files
-from ..dem import measured_inputs
+from ..measured import measure_inputs, refused, with_error
 from ..plot_style import picture
 from ..verify_model import closures, material
 from .clock import best_of
@@ -173,7 +175,15 @@ def _inputs(store: GrainStore, disks: int, seed: int, watch: Watch) -> dict[str,
         return {name: float(value) for name, value in json.loads(path.read_text(encoding="utf-8")).items()}
     packing = store.packing(disks, seed, watch)[0]
     watch(f"{disks} disks, seed {seed}: inputs of the point law")
-    found = measured_inputs(packing)
+    try:
+        measured = measure_inputs(packing)
+    except (ProbeError, SampleError) as error:
+        raise StudyError(f"{disks} disks, seed {seed}: the inputs of the law cannot be measured: {error}") from error
+    if illegal := refused(measured):
+        name = illegal[0]
+        found_there = with_error(measured, name)
+        raise StudyError(f"{disks} disks, seed {seed}: {found_there} is outside the bounds of the law; take more disks")
+    found = measured.values
     files.write_json(path, found)
     return found
 
