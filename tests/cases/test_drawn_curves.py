@@ -193,6 +193,20 @@ def test_curves_of_a_field(pictures: dict[str, Any], tmp_path: Path) -> None:
     check_legend(above)
 
 
+def test_a_network_that_is_kept_is_a_flat_line(pictures: dict[str, Any], tmp_path: Path) -> None:
+    """Rounding is not magnified."""
+    columns = field_columns()
+    for name in ("coordination", "coordination_smallest", "coordination_largest"):
+        columns[name] = 4.0 + 1e-13 * np.arange(7.0)
+    draw_field(tmp_path, columns, field_scene())
+    assert pictures["overview.png"].axes[1].get_ylim() == pytest.approx((3.99, 4.01))
+    columns = point_columns()
+    columns["coordination"] = 4.0 + 1e-13 * np.arange(STEPS)
+    draw_point(tmp_path, columns, STRESS_PATH)
+    low, high = pictures["microvariables.png"].axes[0].get_ylim()
+    assert low < 3.96 and high > 4.04
+
+
 @pytest.mark.parametrize(
     ("name", "sign", "symbol"),
     [

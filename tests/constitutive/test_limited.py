@@ -102,14 +102,15 @@ def test_a_flag_of_some_substeps_is_that_of_the_increment(numerics, outwards):
     assert half.status[0] == Status.OK
 
 
-def test_a_stage_beyond_one_flags_its_substep():
+@pytest.mark.parametrize("integrator", ["bogacki_shampine", "dormand_prince", "kennedy_carpenter"])
+def test_a_stage_beyond_one_flags_its_substep(integrator):
     """One substep from just above |a_c| = 1 to well below: only its first stage is clipped."""
-    points = with_fabric(Closure(), (1.0005, 0.0), substeps=1)
+    points = with_fabric(Closure(), (1.0005, 0.0), substeps=1, integrator=integrator)
     _, state, _, report = points.mixed(STRESS, np.array([1.0, -1.0, 0.0]) * 0.1 * PRESSURE)
     assert points.get(state, "fabric_anisotropy")[0, 0] < 0.99 and report.substeps[0] == 1
     assert report.status[0] == Status.LIMITED
     # and one that only ends above it: the stage at the end is the last of the pair
-    points = with_fabric(Closure(), (0.999, 0.0), substeps=1)
+    points = with_fabric(Closure(), (0.999, 0.0), substeps=1, integrator=integrator)
     _, state, _, report = points.mixed(STRESS, np.array([-1.0, 1.0, 0.0]) * 0.02 * PRESSURE)
     assert points.get(state, "fabric_anisotropy")[0, 0] > 1.001
     assert report.status[0] == Status.LIMITED
