@@ -7,7 +7,7 @@ from math import radians
 import pytest
 from pydantic import ValidationError
 
-from cases.complaints import sentence
+from cases.complaints import sentences
 from cases.dem_path import PathError, leg_numbers, packing_options, run_options, segments
 from cases.schema_dem import DemScene
 from dem_ref.path import Segment
@@ -66,7 +66,7 @@ def test_a_leg_by_components_sets_the_stress_when_it_is_all_stress() -> None:
     assert made[0].control == ("stress", "stress", "stress") and made[1].shear_strain == -0.02
     assert made[1].angle == pytest.approx(radians(90.0))
     strain = leg("components", control=["strain", "stress", "strain"], target=[0.0, -120e3, 0.0])
-    with pytest.raises(PathError, match=r"path\.1: the stress .* is not known beforehand"):
+    with pytest.raises(PathError, match=r"path 2: the stress .* is not known beforehand"):
         segments(scene(strain, constant(0.1)))
     # what says everything itself needs no knowledge
     assert len(segments(scene(strain, leg("isotropic", pressure_ratio=1.0), constant(0.1)))) == 3
@@ -75,9 +75,9 @@ def test_a_leg_by_components_sets_the_stress_when_it_is_all_stress() -> None:
 @pytest.mark.parametrize(
     ("legs", "text"),
     [
-        ([constant(0.2), constant(0.2)], r"path\.1: stress_ratio = 0\.2 is where the leg begins"),
-        ([leg("rotation", rotation_degrees=90.0)], r"path\.0: there is no deviator to rotate"),
-        ([leg("components", control=["stress"] * 3, target=[1.0, -3.0, 0.0])], r"path\.0: .* press in every direction"),
+        ([constant(0.2), constant(0.2)], r"path 2: stress_ratio = 0\.2 is where the leg begins"),
+        ([leg("rotation", rotation_degrees=90.0)], r"path 1: there is no deviator to rotate"),
+        ([leg("components", control=["stress"] * 3, target=[1.0, -3.0, 0.0])], r"path 1: .* press in every direction"),
     ],
 )
 def test_legs_that_do_not_follow_are_refused(legs: list[dict], text: str) -> None:
@@ -99,7 +99,7 @@ def test_legs_that_do_not_follow_are_refused(legs: list[dict], text: str) -> Non
 def test_illegal_keys_of_a_leg_are_told_in_one_sentence(bad: dict, text: str) -> None:
     with pytest.raises(ValidationError) as caught:
         scene(bad)
-    _, told = sentence(caught.value, DemScene, {})
+    [(_, told)] = sentences(caught.value, DemScene, {})
     assert text in told and "\n" not in told
 
 
