@@ -135,7 +135,7 @@ def test_relative_goes_with_components_alone() -> None:
     for other in (constant(0.2), leg("isotropic", pressure_ratio=0.9), leg("rotation", rotation_degrees=90.0)):
         with pytest.raises(ValidationError) as caught:
             scene({**other, "relative": True})
-        _, told = sentence(caught.value, DemScene, {})
+        [(_, told)] = sentences(caught.value, DemScene, {})
         assert "relative = true goes with loading = 'components'" in told and "\n" not in told
         scene({**other, "relative": False})
 
