@@ -149,9 +149,9 @@ def run_convergence(
     )
     with files.held(folder, owner, overwrite):
         files.prepare_output(folder, owner, overwrite)
-        screen.keep_log(folder / files.LOG, versions())
         record = {"program": files.PROGRAM, "kind": owner.kind, "name": owner.name, "scene_file": owner.place}
         files.write_json(folder / files.RECORD, {**record, "outcome": "finished", "scene": {"title": title}})
+        screen.keep_log(folder / files.LOG, versions())
         files.write_text(
             folder / TABLE, files.csv_text([*COLUMNS, LAST], [["" if v is None else v for v in r] for r in rows])
         )

@@ -104,8 +104,8 @@ def run_dem(
             kept = _kept(folder, options)
         else:
             files.prepare_output(folder, owner, overwrite)
-        screen.keep_log(folder / files.LOG, versions())
         record.write()
+        screen.keep_log(folder / files.LOG, versions())
         try:
             sample = _resting(kept[0] or _packing(scene, record, screen, stop, watch), record, screen)
             _measure(scene, sample, record, screen, watch)

@@ -184,8 +184,8 @@ def check_output(folder: Path, owner: Owner | None = None, overwrite: bool = Fal
         return
     lock.refuse_held(folder)
     record = read_record(folder)
-    # what a run leaves that was killed before it wrote its record
-    if record is None and any(file.name not in (LOG, lock.NAME) for file in folder.iterdir()):
+    # the lock is what a run leaves that was killed before it wrote its record
+    if record is None and any(file.name != lock.NAME for file in folder.iterdir()):
         raise InputError(
             f"the output folder {str(folder)!r} holds files that are not a result of {PROGRAM}; "
             "choose a new or empty folder with -o"

@@ -70,10 +70,10 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
     state = start_state(loaded, law.description)
     with files.held(folder, owner, overwrite):
         files.prepare_output(folder, owner, overwrite)
-        screen.keep_log(folder / files.LOG, versions())
         record = Record(folder, loaded.name, resolved(loaded, effects), scene_file=owner.place, since=since)
         record.details["decision"] = effects_report.as_data(decision)
         record.write()
+        screen.keep_log(folder / files.LOG, versions())
         total = sum(leg.increments for leg in legs)
         with stop_wish(screen.announce_stop) as stop:
             with (

@@ -79,11 +79,11 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwri
             raise InputError(f"{name} {value} is outside [{least}, {most}]")
     with files.held(folder, OWNER, overwrite):
         files.prepare_output(folder, OWNER, overwrite)
-        screen.keep_log(folder / files.LOG, versions())
         numbers = list(range(1, seeds + 1))
         scene = {"title": TITLE, "kind": "verify", "particles": particles, "seeds": numbers}
         record = Record(folder, "verify", scene, is_scene=False)
         record.write()
+        screen.keep_log(folder / files.LOG, versions())
         study = None
         with (
             watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,

@@ -413,3 +413,13 @@ def test_phases_leave_compiling_out() -> None:
     assert accounting.seconds["law"] == 3.0 and "clock" not in accounting.counters()
     accounting.take_up({**accounting.counters(), "steps": 4}, {**accounting.seconds})
     assert accounting.steps == 4 and accounting.seconds["law"] == 6.0
+
+
+def test_a_foreign_log_is_no_result(granfabric: Callable, tmp_path: Path) -> None:
+    """A folder in which only `run.log` lies is somebody else's; one with a lock that nobody holds is free."""
+    file = write(tmp_path, "first.toml", POINT)
+    log = write(tmp_path / "mine", "run.log", "of another program")
+    result = granfabric("point", file, "-o", tmp_path / "mine")
+    assert result.code == 2 and "not a result" in result.err and log.read_text() == "of another program"
+    write(tmp_path / "free", lock.NAME, "")
+    assert granfabric("point", file, "-o", tmp_path / "free").code == 0
