@@ -103,6 +103,8 @@ class Leg:
             raise ParameterError(f"path.target = {self.target!r} is not three finite numbers")
         if self.rotation_degrees is not None and not _is_finite(self.rotation_degrees):
             raise ParameterError(f"path.rotation_degrees = {self.rotation_degrees!r} is not finite")
+        if not isinstance(self.relative, bool | np.bool_):
+            raise ParameterError(f"path.relative = {self.relative!r} is not one of True, False")
         if self.relative and self.target is None:
             raise ParameterError("path.relative goes with a target; a rotation always turns from the start of its leg")
 

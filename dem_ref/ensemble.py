@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_ref.arrays import is_whole
+from dem_ref.arrays import whole
 from dem_ref.biaxial import at_stress_ratios
 from dem_ref.packing import PackingOptions, make_packing
 from dem_ref.probes import is_at_rest
@@ -57,8 +57,7 @@ def for_seeds(function: Callable[[int], Result], seeds: Sequence[int], threads: 
 
     Results are in the order of `seeds` and do not depend on `threads`. The first error is raised.
     """
-    if not is_whole(threads) or threads < 1:
-        raise SampleError(f"threads is {threads}, legal are whole numbers >= 1")
+    threads = whole("threads", threads, 1, 1024)
     if threads == 1:
         return [function(seed) for seed in seeds]
     with ThreadPoolExecutor(threads) as pool:

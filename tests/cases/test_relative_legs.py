@@ -113,4 +113,4 @@ def test_relative_rotations_are_refused(granfabric: Callable, tmp_path: Path) ->
     result = granfabric("point", "axes_rotation", "--set", "path.1.relative=true", "-o", tmp_path / "out")
     assert result.code == 2 and "relative = true goes with a target" in result.err and result.err.count("\n") == 1
     result = granfabric("point", "undrained", "--set", "path.1.relative=1", "-o", tmp_path / "out")
-    assert result.code == 2 and "path.1.relative = 1 is not one of true, false" in result.err
+    assert result.code == 2 and "path 2: relative = 1 is not one of true, false" in result.err

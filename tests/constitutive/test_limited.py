@@ -28,10 +28,16 @@ UNBOUNDED = [
 
 
 def with_fabric(closure, *vectors, **numerics):
-    """Points under isotropic stress with the given fabric anisotropies."""
+    """Points under isotropic stress with the given fabric anisotropies, also such as only loading leads to."""
     contact_law = law(closure=closure, **numerics)
-    fabric = np.array(vectors, dtype=float)
-    return Points(contact_law, [ISOTROPIC] * len(fabric), fabric_anisotropy=fabric)
+    stress, fabric = np.tile(ISOTROPIC, (len(vectors), 1)), np.array(vectors, dtype=float)
+    state = contact_law.initial_state(stress)
+    for name in ("fabric_anisotropy", "reference_fabric"):
+        if contact_law.description.has_state(name):
+            state[:, contact_law.description.columns(name)] = fabric
+    # a_t closes the stress-force-fabric relation, as in an initial state: s = (a_c + a_n + a_t)/2
+    state[:, contact_law.description.columns("tangential_force_anisotropy")] = -fabric
+    return Points(contact_law, stress, state)
 
 
 @pytest.mark.parametrize("closure", HARMONIC, ids=lambda closure: f"{closure.force_change}-{closure.tangential}")

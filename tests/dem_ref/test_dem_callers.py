@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import os
 import signal
 import threading
@@ -301,15 +302,15 @@ def test_an_interrupted_motion_is_whole():
         keys = threading.Thread(target=press)
         try:
             keys.start()
-            while True:
-                motion.run(2000, Control(drive=drive.copy()))
+            for turn in itertools.cycle((1.0, -1.0)):  # to and fro: however late the key comes, the cell keeps its shape
+                motion.run(2000, Control(drive=turn * drive))
         except KeyboardInterrupt:
             caught += 1
         keys.join()
         whole, rest = divmod(motion.steps_done, 2000)
         expected = Motion(triangular_lattice(12, 12, 2.0**-7, STIFFNESS), refresh=1e-6)
-        for steps in [2000] * whole + [rest]:
-            expected.run(steps, Control(drive=drive.copy()))
+        for steps, turn in zip([2000] * whole + [rest], itertools.cycle((1.0, -1.0))):
+            expected.run(steps, Control(drive=turn * drive))
         assert np.array_equal(motion.sample.velocity, expected.sample.velocity)
         for one in (motion, expected):
             one.run(50, Control(drive=drive.copy()))
