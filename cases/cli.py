@@ -288,12 +288,14 @@ def mesh(
             "--parts", metavar="WORD", help="Of a .msh file: joined (one body), or separate (bodies, cracks)."
         ),
     ] = None,
+    verbose: VerboseOption = False,
 ) -> None:
     """Look at a mesh: its boundaries and regions with their sizes, and a picture with their names."""
-    from .mesh_command import run_mesh
-    from .screen import Screen
+    with _speaking(False, verbose) as screen:
+        screen.quiet = False  # what it says is what it is for
+        from .mesh_command import run_mesh
 
-    run_mesh(target, output, assignments or [], parts, Screen())
+        run_mesh(target, output, assignments or [], parts, screen)
 
 
 @app.command()

@@ -6,6 +6,7 @@ name, and cannot read partitioned and parametric files, MSH 4.0 as Gmsh writes i
 
 from __future__ import annotations
 
+import codecs
 from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
@@ -50,7 +51,7 @@ def read_raw(path: Path) -> RawMesh:
     if path.suffix.lower() != ".msh":
         raise MeshError(f"a Gmsh file ending in .msh is wanted, not {path.suffix!r}")
     try:
-        data = path.read_bytes()
+        data = path.read_bytes().removeprefix(codecs.BOM_UTF8)  # which an editor may have put there
     except OSError as error:
         raise MeshError(f"it cannot be read: {error.strerror}") from None
     file = split_sections(data)
