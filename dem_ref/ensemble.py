@@ -19,6 +19,7 @@ from dem_ref.packing import PackingOptions, make_packing
 from dem_ref.sample import Sample, SampleError, load_sample, save_sample
 
 Result = TypeVar("Result")
+MOST_THREADS = 10_000
 
 
 def stored_packing(
@@ -52,7 +53,7 @@ def for_seeds(function: Callable[[int], Result], seeds: Sequence[int], threads: 
 
     Results are in the order of `seeds` and do not depend on `threads`. The first error is raised.
     """
-    if not is_whole(threads) or threads < 1:
+    if not is_whole(threads) or not 1 <= threads <= MOST_THREADS:
         raise SampleError(f"threads is {threads}, legal are whole numbers >= 1")
     if threads == 1:
         return [function(seed) for seed in seeds]
