@@ -12,7 +12,7 @@ from .compile_watch import watching
 from .effects_choice import resolve_effects
 from .effects_settle import settle_point
 from .interruption import stop_wish
-from .point_path import legs_of
+from .point_path import legs_of, remarks
 from .record import Record, resolved, versions
 from .replay import start_state
 from .scene import LoadedScene
@@ -61,6 +61,8 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
     increments = sum(leg.increments for leg in legs)
     memory.refuse_beyond(BYTES_PER_STEP * increments, f"{loaded.file}: path, {increments} increments in all,")
     files.check_output(folder, owner, overwrite)
+    for text in remarks(loaded.scene):
+        screen.say(text)
     with watching(screen.announce_compilation(COMPILATION_SECONDS)) as early:
         loaded, decision = settle_point(loaded)
     effects_report.announce(decision, None, screen)

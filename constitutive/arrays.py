@@ -14,8 +14,8 @@ matter of the array's kind: points that hold one get a status of their own.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple, get_args
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple, TypeGuard, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +91,11 @@ def _as_array(name: str, value: object, kinds: str, wanted: str) -> NDArray[Any]
     return array
 
 
+def _is_ready(value: object) -> TypeGuard[Array]:
+    """Whether a kernel can read this as it is, whatever its shape."""
+    return type(value) is np.ndarray and value.dtype == FLOAT and value.flags.carray
+
+
 def read(name: str, value: object, shape: tuple[int, ...]) -> Array:
     """An array that a kernel reads: the caller's own if it is of the right kind, else a copy of its numbers.
 
@@ -112,7 +117,7 @@ def read(name: str, value: object, shape: tuple[int, ...]) -> Array:
     ------
     ArrayError
     """
-    if type(value) is np.ndarray and value.dtype == FLOAT and value.flags.carray:
+    if _is_ready(value):
         if value.shape == shape:
             return value
         array = value
@@ -217,6 +222,18 @@ def _overlap(one: NDArray[Any], other: NDArray[Any]) -> bool:
         return True
 
 
+def _have_own_memory(arrays: Iterable[NDArray[Any]]) -> bool:
+    """Whether no two of these can share memory, as told by who owns it: the array, or the one that it is a view of."""
+    number, owners = 0, set()
+    for array in arrays:
+        owner = array if array.base is None else array.base
+        if type(owner) is not np.ndarray or not owner.flags.owndata:
+            return False
+        number += 1
+        owners.add(id(owner))
+    return len(owners) == number
+
+
 def keep_apart(outputs: dict[str, Array], inputs: Sequence[tuple[str, NDArray[Any], object]]) -> None:
     """Refuse an array to be written that shares memory with another one, read or written.
 
@@ -231,14 +248,9 @@ def keep_apart(outputs: dict[str, Array], inputs: Sequence[tuple[str, NDArray[An
     ArrayError
     """
     others: list[tuple[str, NDArray[Any]]] = [(name, used) for name, used, _ in inputs]
-    everything = [*outputs.values(), *(used for _, used in others)]
     others += [(name, came) for name, used, came in inputs if came is not used and isinstance(came, np.ndarray)]
-    if len(others) == len(inputs) and len(set(map(id, everything))) == len(everything):
-        for array in everything:
-            if not array.flags.owndata:
-                break
-        else:
-            return  # arrays that own their memory share it with nobody
+    if _have_own_memory([*outputs.values(), *(array for _, array in others)]):
+        return
     for name, output in outputs.items():
         for other_name, other in others:
             if _overlap(output, other):
@@ -246,6 +258,23 @@ def keep_apart(outputs: dict[str, Array], inputs: Sequence[tuple[str, NDArray[An
                     f"{name} must be a C-contiguous float64 array of its own, but shares memory with {other_name}"
                 )
         others.append((name, output))
+
+
+def _usual(came: tuple[object, ...], tangent: object, nstate: int) -> bool:
+    """Whether increment, stress and state at the start and end, and tangent are as a host makes them, fit to be handed
+    on as they are. Whatever else is right or wrong is told apart afterwards, in more time.
+    """
+    increment = came[0]
+    if type(increment) is not np.ndarray or increment.ndim != 2 or increment.shape[1] != 3:
+        return False
+    npt = increment.shape[0]
+    arrays, shapes = came, ((npt, 3), (npt, 3), (npt, nstate), (npt, 3), (npt, nstate))
+    if tangent is not None:
+        arrays, shapes = (*came, tangent), (*shapes, (npt, 3, 3))  # type: ignore[assignment]
+    for array, shape in zip(arrays, shapes):
+        if type(array) is not np.ndarray or array.shape != shape or array.dtype != FLOAT or not array.flags.carray:
+            return False
+    return True
 
 
 class UpdateArrays(NamedTuple):
@@ -298,49 +327,48 @@ def update_arrays(
     ArrayError
     """
     nstate, rows = sizes
-    first = mixed or "strain_increment"
-    given = read(first, increment, (ANY, 3))
+    if not mixed and isinstance(tangent_kind, str) and tangent_kind in TANGENT_KINDS:
+        came = (increment, stress_start, state_start, stress_end, state_end)
+        if _usual(came, tangent, nstate):
+            of_table = index("material_index", material_index, len(increment), rows)  # type: ignore[arg-type]
+            used = came if tangent is None else (*came, tangent)
+            if _have_own_memory(used if material_index is None else (*used, of_table)):  # type: ignore[arg-type]
+                stiffness = NO_TANGENT if tangent is None else tangent
+                return UpdateArrays(*came, stiffness, of_table, None, None)  # type: ignore[arg-type]
+    name = mixed or "strain_increment"
+    given = read(name, increment, (ANY, 3))
     npt = len(given)
-    if not isinstance(tangent_kind, str) or tangent_kind not in TANGENT_KINDS:
-        raise ValueError(f"tangent_kind = {tangent_kind!r} is not one of {', '.join(TANGENT_KINDS)}")
     stress = read("stress_start", stress_start, (ANY, 3))
     if len(stress) != npt:
         raise ArrayError(
-            f"{first} has the shape {given.shape}, stress_start {stress.shape}: all arrays of a call are of one number "
+            f"{name} has the shape {given.shape}, stress_start {stress.shape}: all arrays of a call are of one number "
             "of points"
         )
+    if not isinstance(tangent_kind, str) or tangent_kind not in TANGENT_KINDS:
+        raise ValueError(f"tangent_kind = {tangent_kind!r} is not one of {', '.join(TANGENT_KINDS)}")
     state = read("state_start", state_start, (npt, nstate))
+    end = written("stress_end", stress_end, (npt, 3))
+    end_state = written("state_end", state_end, (npt, nstate))
+    stiffness = NO_TANGENT if tangent is None else written("tangent", tangent, (npt, 3, 3))
+    of_table = index("material_index", material_index, npt, rows)
+    under_control = _control(control, npt) if mixed else None
+    strain = written("strain_increment", strain_increment, (npt, 3)) if mixed else None
+    outputs = {"stress_end": end, "state_end": end_state}
+    if tangent is not None:
+        outputs["tangent"] = stiffness
+    if strain is not None:
+        outputs["strain_increment"] = strain
     inputs: list[tuple[str, NDArray[Any], object]] = [
-        (first, given, increment),
+        (name, given, increment),
         ("stress_start", stress, stress_start),
         ("state_start", state, state_start),
     ]
-    outputs = {
-        "stress_end": written("stress_end", stress_end, (npt, 3)),
-        "state_end": written("state_end", state_end, (npt, nstate)),
-    }
-    if tangent is not None:
-        outputs["tangent"] = written("tangent", tangent, (npt, 3, 3))
-    of_table = index("material_index", material_index, npt, rows)
     if material_index is not None:
         inputs.append(("material_index", of_table, material_index))
-    under_control = None
-    if mixed:
-        outputs["strain_increment"] = written("strain_increment", strain_increment, (npt, 3))
-        under_control = _control(control, npt)
+    if under_control is not None:
         inputs.append(("control", under_control, control))
     keep_apart(outputs, inputs)
-    return UpdateArrays(
-        given,
-        stress,
-        state,
-        outputs["stress_end"],
-        outputs["state_end"],
-        outputs.get("tangent", NO_TANGENT),
-        of_table,
-        under_control,
-        outputs.get("strain_increment"),
-    )
+    return UpdateArrays(given, stress, state, end, end_state, stiffness, of_table, under_control, strain)
 
 
 def stress_and_index(stress: object, material_index: object, rows: int) -> tuple[Array, NDArray[np.int32]]:

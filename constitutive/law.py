@@ -139,7 +139,15 @@ class ContactLaw:
         around = max(8, self.integration.directions // 2)
         circle = 2.0 * np.pi * np.arange(around) / around
         nodes, weights = np.polynomial.legendre.leggauss(self.integration.directions)
-        self._rule = (nodes, weights, np.cos(circle), np.sin(circle))
+        self._constants = (
+            self._table,
+            self._micro,
+            self._options,
+            self._numbers,
+            (self._tableau.a, self._tableau.b, self._tableau.error, self._tableau.error_order),
+            self._numerics,
+            (nodes, weights, np.cos(circle), np.sin(circle)),
+        )
 
     def _check_fabric(self, name: str, xx: float, xy: float) -> None:
         magnitude = float(np.hypot(xx, xy))
@@ -403,13 +411,7 @@ class ContactLaw:
             arrays.tangent,
             TANGENT_NONE if tangent is None else _TANGENTS[tangent_kind],
             arrays.rows,
-            self._table,
-            self._micro,
-            self._options,
-            self._numbers,
-            (self._tableau.a, self._tableau.b, self._tableau.error, self._tableau.error_order),
-            self._numerics,
-            self._rule,
+            *self._constants,
             status,
             counts,
         )

@@ -138,7 +138,8 @@ def run_in_threads(
     fewest : int
         Points for which a second thread pays.
     """
-    threads = min(numba.get_num_threads(), number // fewest)
+    # not asked where there is no choice: the answer starts the threads of the compiler
+    threads = min(numba.get_num_threads(), number // fewest) if number >= 2 * fewest else 1
     if threads <= 1:
         kernel(0, number, *arguments)
         return

@@ -20,6 +20,7 @@ from dem_ref.probes import is_at_rest
 from dem_ref.sample import Sample, SampleError, load_sample, save_sample
 
 Result = TypeVar("Result")
+MOST_THREADS = 10_000
 
 
 def stored_packing(
@@ -57,7 +58,7 @@ def for_seeds(function: Callable[[int], Result], seeds: Sequence[int], threads: 
 
     Results are in the order of `seeds` and do not depend on `threads`. The first error is raised.
     """
-    threads = whole("threads", threads, 1, 1024)
+    threads = whole("threads", threads, 1, MOST_THREADS)
     if threads == 1:
         return [function(seed) for seed in seeds]
     with ThreadPoolExecutor(threads) as pool:

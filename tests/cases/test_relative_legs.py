@@ -114,3 +114,11 @@ def test_relative_rotations_are_refused(granfabric: Callable, tmp_path: Path) ->
     assert result.code == 2 and "relative = true goes with a target" in result.err and result.err.count("\n") == 1
     result = granfabric("point", "undrained", "--set", "path.1.relative=1", "-o", tmp_path / "out")
     assert result.code == 2 and "path 2: relative = 1 is not one of true, false" in result.err
+
+
+def test_a_leg_of_strains_after_one_of_stress_says_from_where_it_counts(granfabric: Callable, tmp_path: Path) -> None:
+    told = "path 2: strain targets count from the start of the path"
+    assert told not in granfabric("point", "undrained", "-o", tmp_path / "relative").out
+    total = granfabric("point", "undrained", "--set", "path.1.relative=false", "-o", tmp_path / "total")
+    assert total.code == 0 and told in total.out
+    assert "strain targets count" not in granfabric("point", "simple_shear", "-o", tmp_path / "strain").out

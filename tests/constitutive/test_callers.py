@@ -134,6 +134,17 @@ def test_inputs_may_be_one_array():
     assert np.array_equal(ends[0], 2 * stress)
 
 
+def test_an_output_over_the_index_of_its_points():
+    """Rows of the table would be written while they are read, whoever owns the memory."""
+    increment, stress, state, _, state_end = points(2)
+    index = np.zeros(12, np.int32)
+    with pytest.raises(ArrayError, match=r"stress_end .* shares memory with material_index"):
+        TWO.update(increment, stress, state, index.view(float).reshape(2, 3), state_end, material_index=index[:2])
+    room = np.zeros((2, 3))
+    with pytest.raises(ArrayError, match=r"stress_end .* shares memory with material_index"):
+        TWO.update(increment, stress, state, room, state_end, material_index=room.view(np.int32)[0, :2])
+
+
 def test_what_is_too_hard_to_tell_counts_as_shared(monkeypatch):
     def hard(*_, **__):
         raise RuntimeError("too hard")
