@@ -18,7 +18,7 @@ import pytest
 from mutations import one_sentence
 from test_files_and_words import FIELD, POINT
 
-from cases import files, lock, run
+from cases import convergence, files, lock, run
 from cases.errors import InputError
 from cases.owner import Owner, is_another
 from cases.screen import Screen
@@ -257,7 +257,9 @@ def busy(finished: Path) -> Iterator[tuple[Path, subprocess.Popen]]:
     process.communicate()
 
 
-def test_a_folder_at_work_is_refused_and_can_be_drawn(granfabric: Callable, busy: tuple, tmp_path: Path) -> None:
+def test_a_folder_at_work_is_refused_and_can_be_drawn(
+    granfabric: Callable, busy: tuple, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder, process = busy
     before = content(folder)
     for options in ((), ("--overwrite",)):
@@ -267,6 +269,10 @@ def test_a_folder_at_work_is_refused_and_can_be_drawn(granfabric: Callable, busy
         assert content(folder) == before
     for command in (("dem", "dem_biaxial", "--resume"), ("verify",), ("cost", "mesh", "--quick", "--overwrite")):
         assert granfabric(*command, "-o", folder).code == 2 and content(folder) == before
+    # nor is anything computed first
+    monkeypatch.setattr(convergence, "solve_level", lambda *arguments: pytest.fail("solved for nothing"))
+    result = granfabric("convergence", "hole_in_plate", "--overwrite", "-o", folder)
+    assert result.code == 2 and "another run is at work" in result.err and content(folder) == before
     assert granfabric("plot", folder).code == 0
     process.kill()
     process.wait()
