@@ -25,19 +25,22 @@ SCENE = "scene.toml"
 PACKING = "packing.npz"
 CHECKPOINT = "checkpoint.npz"
 MATERIAL = "material.toml"
+FAILED_POINT = "failed_point.toml"
 PICTURES = (
     *("overview.png", "microvariables.png", "fabric_decomposition.png", "packing.png", "distributions.png"),
-    *("closed_form.png", *(f"figure_{number}.png" for number in range(1, 5))),
+    *("closed_form.png", "convergence.png", *(f"figure_{number}.png" for number in range(1, 7))),
 )
+TABLES = ("verify.csv", "verify.md", "paths.csv", "probes.csv", "closures.csv", "convergence.csv")
 LOG = "run.log"
 SERIES = ("result", "points", "particles", "contacts")
 OWN_FILES = (
-    *(RECORD, HISTORY, LOG, SCENE, "failed_point.toml", PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
-    *(MATERIAL, COMPARISON, MESH_ERROR, "verify.csv", "verify.md", *(f"{name}.pvd" for name in SERIES), *PICTURES),
+    *(RECORD, HISTORY, LOG, SCENE, FAILED_POINT, PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
+    *(MATERIAL, COMPARISON, MESH_ERROR, *TABLES, *(f"{name}.pvd" for name in SERIES), *PICTURES),
 )
 CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
 OWN_PATTERNS = (".granfabric-*", ".result*", ".points*", *CHECKPOINTS, *(f"{name}_*.vtu" for name in SERIES))
-"""What a run writes; only these are removed when a result folder is used again."""
+"""What a run writes; only these are removed when a result folder is used again. Not among them: what `cost` and
+`verify` keep of the DEM in `dem`, to be used again, and the studies of `cost`, whose folders nothing else replaces."""
 
 PROGRAM = "granfabric"
 
@@ -249,7 +252,7 @@ def remove_unfinished(folder: Path) -> None:
         If the folder cannot be written.
     """
     try:
-        for pattern in (".granfabric-*", ".result*", ".points*", ".checkpoint*", "failed_point.toml"):
+        for pattern in (".granfabric-*", ".result*", ".points*", ".checkpoint*", FAILED_POINT):
             for file in folder.glob(pattern):
                 file.unlink()
     except OSError as error:

@@ -106,9 +106,9 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Told:
         found.tables.append(Table(title, list(names), rows))
         table(self, title, names, rows, *words)
 
-    def keep_line(self: Screen, text: str) -> None:
+    def keep_line(self: Screen, text: str, **options: Any) -> None:
         found.lines.append(text)
-        say(self, text)
+        say(self, text, **options)
 
     monkeypatch.setattr(Screen, "table", keep_table)
     monkeypatch.setattr(Screen, "say", keep_line)

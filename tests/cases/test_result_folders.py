@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import re
@@ -17,7 +18,7 @@ import pytest
 from mutations import one_sentence
 from test_files_and_words import FIELD, POINT
 
-from cases import files, lock, run
+from cases import convergence, files, lock, run
 from cases.errors import InputError
 from cases.owner import Owner, is_another
 from cases.screen import Screen
@@ -151,6 +152,88 @@ def test_old_results_stay_in_other_commands(
     assert content(out) == before
 
 
+# what is removed when a folder is used again
+
+
+WRITTEN = re.compile(r"[\w{}.-]*\.(png|svg|pdf|csv|md|txt|log|json|toml|npz|vtu|pvd|part)")
+ELSEWHERE = {
+    "FILE.png": "a placeholder in the help",
+    "{}_mesh.png": "where the user asks for it",
+    "schema.json": "beside the scenes",
+    "notes.json": "kept runs of the DEM",
+    "{}.toml": "shipped materials",
+    "{}.csv": "tables of studies of cost, histories of kept runs of the DEM",
+    "{}.png": "pictures of studies of cost",
+    "{}.npz": "kept runs of the DEM",
+    "cost.json": "record of the studies of cost",
+    "cost.md": "page of the studies of cost",
+    "{}.pvd": "a series, see files.SERIES",
+    "{}_{}.vtu": "a series, see files.SERIES",
+}
+"""Names in the code that are no files of a run in its result folder, and what they are."""
+
+
+def names_of_files(source: str) -> set[str]:
+    """Names of files that code spells, with {} for what is put in; no docstrings, and no suffix alone."""
+    tree = ast.parse(source)
+    texts, parts = set(), set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            parts.add(node.value)
+        if isinstance(node, ast.JoinedStr):
+            parts.update(node.values)
+            texts.add("".join(v.value if isinstance(v, ast.Constant) else "{}" for v in node.values))  # type: ignore
+    texts |= {
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in parts
+    }
+    return {text for text in texts if WRITTEN.fullmatch(text) and not text.startswith(".")}
+
+
+def test_every_name_of_a_file_in_the_code_is_one_of_a_run_or_known_not_to_be() -> None:
+    """A command that writes another file has to say so where the files of a run are listed."""
+    assert names_of_files('"doc.png"\nopen(f"{a}_{b:05d}.vtu"); x = "a.png"; y = ".csv"') == {"{}_{}.vtu", "a.png"}
+    sources = [file for file in Path(files.__file__).parent.rglob("*.py") if file != Path(files.__file__)]
+    spelled = set().union(*(names_of_files(file.read_text(encoding="utf-8")) for file in sources))
+    assert spelled - set(files.OWN_FILES) == set(ELSEWHERE)
+    assert len(set(files.OWN_FILES)) == len(files.OWN_FILES)
+
+
+PLATE = ("mesh.plate_with_hole.n_radial=2", "mesh.plate_with_hole.n_around=4", "stage.1.increments=1")
+BREAKING = ("stage.1.displacement.0.value=-0.1", "solver.smallest_factor=0.5", "solver.first_factor=0.5")
+COMMANDS = {
+    "point": (["point", "{point}"], {"history.csv", "microvariables.png", "fabric_decomposition.png", "scene.toml"}),
+    "run": (["run", "hole_in_plate", *PLATE], {"overview.png", "mesh_error.vtu", "closed_form.csv", "closed_form.png"}),
+    "run that fails": (
+        ["run", "{field}", *BREAKING],
+        {"history.csv", "result.pvd", "result_0000.vtu", "points.pvd", "points_0000.vtu", "failed_point.toml"},
+    ),
+    "convergence": (["convergence", "hole_in_plate", *PLATE], {"convergence.csv", "convergence.png"}),
+    "dem": (
+        ["dem", "dem_biaxial", "packing.particles=100", "path.0.stress_ratio=0.02", "output.every=2"],
+        {"packing.npz", "checkpoint.npz", "material.toml", "packing.png", "distributions.png", "particles.pvd"},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_nothing_of_a_run_stays_when_its_folder_is_used_again(
+    granfabric: Callable, tmp_path: Path, name: str
+) -> None:
+    """Whatever a command has written: next to the next result it would look like a part of it."""
+    (command, scene, *changes), must = COMMANDS[name]
+    file, out = tmp_path / "own.toml", tmp_path / "out"
+    file.write_text(FIELD if scene == "{field}" else POINT.replace("pictures = false", "pictures = true"))
+    options = [part for change in changes for part in ("--set", change)]
+    options += ["--refine", "1,2"] if command == "convergence" else []
+    granfabric(command, file if "{" in scene else scene, "-o", out, *options)
+    assert must | {"run.json", "run.log"} <= set(content(out))
+    (out / "notes.txt").write_text("mine")
+    files.prepare_output(out, overwrite=True)
+    assert set(content(out)) == {"notes.txt"}
+
+
 # one run at a time
 
 
@@ -174,7 +257,9 @@ def busy(finished: Path) -> Iterator[tuple[Path, subprocess.Popen]]:
     process.communicate()
 
 
-def test_a_folder_at_work_is_refused_and_can_be_drawn(granfabric: Callable, busy: tuple, tmp_path: Path) -> None:
+def test_a_folder_at_work_is_refused_and_can_be_drawn(
+    granfabric: Callable, busy: tuple, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder, process = busy
     before = content(folder)
     for options in ((), ("--overwrite",)):
@@ -184,6 +269,10 @@ def test_a_folder_at_work_is_refused_and_can_be_drawn(granfabric: Callable, busy
         assert content(folder) == before
     for command in (("dem", "dem_biaxial", "--resume"), ("verify",), ("cost", "mesh", "--quick", "--overwrite")):
         assert granfabric(*command, "-o", folder).code == 2 and content(folder) == before
+    # nor is anything computed first
+    monkeypatch.setattr(convergence, "solve_level", lambda *arguments: pytest.fail("solved for nothing"))
+    result = granfabric("convergence", "hole_in_plate", "--overwrite", "-o", folder)
+    assert result.code == 2 and "another run is at work" in result.err and content(folder) == before
     assert granfabric("plot", folder).code == 0
     process.kill()
     process.wait()

@@ -23,6 +23,7 @@ from cases import (
     effects_audit,
     effects_report,
     files,
+    measured,
     mesh_judgement,
 )
 from cases.convergence import Level
@@ -30,11 +31,14 @@ from cases.effects_audit import Audit, Neglected
 from cases.effects_choice import EffectSet
 from cases.effects_decision import Decision, Judged
 from cases.effects_numbers import Numbers
-from cases.material_file import material_text
+from cases.material_file import material_text, refusal
+from cases.measured import Inputs, as_data
 from cases.schema_closed_form import ClosedForm, HoleInPlate
 from cases.screen import Screen, spread
 from constitutive.effects import Effects
 from constitutive.parameters import CLOSURE_NUMBERS
+from dem_ref.path import Segment
+from dem_ref.uncertainty import Measured
 from fem.mesh_error import stress_error
 
 
@@ -95,10 +99,16 @@ def test_table_of_a_dem_run(told: Any) -> None:
     h = {name: random.uniform(0.1, 1.0, 9) for name in names}
     h |= {"strain_xx": 1e-5 * np.arange(9.0), "strain_yy": -3e-5 * np.arange(9.0), "p": 1e5 + 1e3 * np.arange(9)}
     h["segment"] = np.array([0, 0, 0, 1, 1, 1, 1, 2, 3])
+    values = {"slip": 0.2, "coordination": 3.9, "solid_fraction": 0.85, "normal_stiffness": 1e9,
+              "peak_stress_ratio": 0.4, "dilatancy": 3.0, "constant_volume_stress_ratio": 0.1}  # fmt: skip
     record: Any = SimpleNamespace(
         scene={"title": "Disks"}, outcome="finished", message="", folder="there",
-        details={"packing": {"particles": 300, "void_ratio": 0.182, "coordination": 3.876,
-                             "coordination_without_rattlers": 4.061}},
+        details={
+            "packing": {"particles": 300, "void_ratio": 0.182, "coordination": 3.876,
+                        "coordination_without_rattlers": 4.061},
+            "not_reached": ["leg 2 ended at its largest strain"],
+            "measured": as_data(Inputs(values, dict.fromkeys(values, 0.0) | {"slip": 0.3}, ("fluctuation",))),
+        },
         timing={"packing": 1.0, "measuring": 2.0, "loading": 3.25, "compilation": 0.5},
     )  # fmt: skip
     dem._report(SimpleNamespace(history=lambda: h), record, Screen())  # type: ignore[arg-type]
@@ -112,7 +122,48 @@ def test_table_of_a_dem_run(told: Any) -> None:
     assert told.lines == [
         "300 disks, void ratio 0.1820, z 3.876 (4.061 without rattlers); inertial number up to "
         f"{h['inertial_number'].max():.1e}, unbalanced force up to {h['unbalanced_force'].max():.1e}",
-        "packing 1.0 s, measuring 2.0 s, loading 3.2 s, compilation 0.5 s; results in there",
+        "leg 2 ended at its largest strain",
+        "material.toml: slip = 0.2 +- 0.3: its error is larger than itself",
+        "material.toml: fluctuation is not measured: this packing does not give it",
+        f"material.toml: the law will refuse it: {refusal(values)}",
+        "packing 1.0 s, measuring 2.0 s, loading 3.2 s, compilation 0.5 s; results in there; 3 warnings on "
+        "material.toml",
+    ]
+    assert "give back work" in refusal(values)
+    # nothing measured, a leg given up, no pressure left
+    told.lines.clear()
+    h["q"], h["p"] = 0.0 * h["q"], np.where(np.arange(9) < 8, h["p"], 0.0)
+    record.details |= {"measured": {}, "not_reached": []}
+    record.outcome, record.message = "failed", "leg 3: lost"
+    dem._report(SimpleNamespace(history=lambda: h), record, Screen())  # type: ignore[arg-type]
+    assert told.tables[1].column("q/p") == [*8 * ["0.0000"], "-"]
+    assert told.lines[1] == "failed: leg 3: lost"
+    assert told.lines[2].endswith("compilation 0.5 s; results in there") and len(told.lines) == 3
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_legs_that_end_at_their_largest_strain_are_told(sign: float) -> None:
+    """Loading and unloading; a leg within 0.01 has reached its ratio, and others have none to reach."""
+    segments = [
+        Segment(shear_strain=sign * 0.01, stress_ratio=sign * 0.3),
+        Segment(shear_strain=sign * 0.02, stress_ratio=sign * 0.35),
+        Segment(shear_strain=sign * 0.03, stress_ratio=sign * 0.4),
+        Segment(shear_strain=sign * 0.03, stress_ratio=None),
+        Segment(shear_strain=-sign * 0.04, stress_ratio=-sign * 0.2),
+        Segment(shear_strain=sign * 0.05, stress_ratio=sign * 0.5),
+    ]
+    # the last record of a leg bears the number of the next: what each of the first five ended with
+    ratio = sign * np.array([0.0, 0.27, 0.345, 0.31, 0.31, 0.1, 0.2])
+    history = {
+        "segment": np.array([0, 1, 2, 3, 4, 5, 6]), "stress_xx": -1e5 * (1 - ratio), "stress_yy": -1e5 * (1 + ratio),
+        "stress_xy": 0.0 * ratio,
+    }  # fmt: skip
+    options = SimpleNamespace(segments=segments)
+    run: Any = SimpleNamespace(history=lambda: history, options=options, reason="it was given up", segment=6)
+    assert dem._not_reached(run, [1, 2, 3, 4, 4, 5]) == [
+        f"leg 1 ended at its largest strain of 0.01, at q/p = {sign * 0.27:.3f} instead of {sign * 0.3:g}",
+        f"leg 3 ended at its largest strain of 0.03, at q/p = {sign * 0.31:.3f} instead of {sign * 0.4:g}",
+        f"leg 4 ended at its largest strain of 0.04, at q/p = {sign * 0.1:.3f} instead of {-sign * 0.2:g}",
     ]
 
 
@@ -126,13 +177,18 @@ def test_sliding_is_measured_on_the_first_leg_and_told(
 
     def measure(history: Any, measured: Any, rattlers: str) -> Any:
         asked.append((history, measured, rattlers))
-        return values, 0.0234
+        return {name: Measured(value, errors[name]) for name, value in values.items()}, 0.0234
 
-    monkeypatch.setattr(dem, "measure_sliding", measure)
+    monkeypatch.setattr(dem, "measure_sliding_with_errors", measure)
+    errors = dict.fromkeys(values, 0.0) | {"peak_stress_ratio": 0.012, "reference_plastic_strain": 6e-5,
+                                           "dilatancy": np.nan}  # fmt: skip
+    earlier = Inputs({"coordination": 3.9, "slip": 1.1}, {"coordination": 0.05, "slip": 0.2}, ("fluctuation",))
     packing = {"coordination": 3.9, "solid_fraction": 0.85, "normal_stiffness": 1e9, "slip": 1.1}
     (tmp_path / files.MATERIAL).write_text(material_text(packing, "made up"))
     history = {"segment": np.array([0, 0, 0, 1, 1, 2]), "q": np.arange(6.0)}
-    record: Any = SimpleNamespace(folder=tmp_path, details={}, scene={"title": "made up"})
+    record: Any = SimpleNamespace(
+        folder=tmp_path, details={"measured": as_data(earlier)}, scene={"title": "made up"}
+    )
     scene: Any = SimpleNamespace(measure=SimpleNamespace(rattlers="excluded"))
     dem._measure_sliding(scene, SimpleNamespace(history=lambda: history), record, Screen())  # type: ignore[arg-type]
     ((given, measured, rattlers),) = asked
@@ -145,20 +201,48 @@ def test_sliding_is_measured_on_the_first_leg_and_told(
     assert record.details["sliding"] == {**values, "misfit": 0.0234}
     stored = tomllib.loads((tmp_path / files.MATERIAL).read_text())
     assert stored["material"] == {**{k: v for k, v in packing.items() if k != "slip"}, **values}
+    # with their errors and doubts, beside those of what was measured before
+    lines = (tmp_path / files.MATERIAL).read_text().splitlines()
+    assert "# fluctuation could not be measured on this packing" in lines
+    for line in (
+        "coordination = 3.9  # +- 0.05", "slip = 1.1  # +- 0.2", "peak_stress_ratio = 0.412  # +- 0.012",
+        "reference_plastic_strain = 5.4e-05  # +- 6e-05; its error is larger than itself",
+        "hardening_exponent = 2.0", "dilatancy = 1.06  # +- ?; its error is not known: too few contacts or records",
+    ):  # fmt: skip
+        assert line in lines
+    kept = record.details["measured"]
+    assert kept["slip"] == {"value": 1.1, "standard_error": 0.2}
+    assert kept["peak_stress_ratio"] == {"value": 0.412, "standard_error": 0.012}
+    assert kept["dilatancy"]["standard_error"] is None and kept["fluctuation"]["value"] is None
 
 
 def test_inputs_that_go_to_a_material_file(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The packing's own fabric beside what was measured; what is not finite is left out."""
-    measured = {"coordination": 3.9, "slip": 1.1, "isostatic_coordination": float("nan")}
-    monkeypatch.setattr(
-        dem, "measure_material", lambda sample, rattlers, size: {**measured, "asked": len(rattlers) + size}
-    )
-    monkeypatch.setattr(dem, "contacts_of", lambda sample: sample)
-    monkeypatch.setattr(dem, "fabric_anisotropy", lambda contacts: np.array([0.02, -0.03]))
-    found = dem.measured_inputs(None, "excluded", 0.04)  # type: ignore[arg-type]
-    assert found == {
+    """The packing's own fabric beside what was measured, on the packing at rest; what is no number is told apart."""
+    found = {
+        "coordination": Measured(3.9, 0.1), "slip": Measured(1.1, np.inf),
+        "isostatic_coordination": Measured(np.nan, np.nan),
+    }  # fmt: skip
+
+    def measure(sample: Any, rattlers: str, size: float) -> Any:
+        assert sample == "held"
+        return {**found, "asked": Measured(len(rattlers) + size, 0.0)}
+
+    def fabric(sample: Any) -> Any:
+        assert sample == "held"
+        return Measured(0.02, 0.03), Measured(-0.03, 0.04)
+
+    monkeypatch.setattr(measured, "at_rest", lambda sample: "held")
+    monkeypatch.setattr(measured, "measure_material_with_errors", measure)
+    monkeypatch.setattr(measured, "measure_fabric", fabric)
+    inputs = measured.measure_inputs(None, "excluded", 0.04)  # type: ignore[arg-type]
+    assert inputs.values == {
         "coordination": 3.9, "slip": 1.1, "asked": 8.04, "initial_fabric_xx": 0.02, "initial_fabric_xy": -0.03
     }  # fmt: skip
+    assert inputs.missing == ("isostatic_coordination",)
+    unknown = inputs.errors.pop("slip")
+    assert np.isnan(unknown)
+    assert inputs.errors == {"coordination": 0.1, "asked": 0.0, "initial_fabric_xx": 0.03, "initial_fabric_xy": 0.04}
+    assert dem.measured_inputs(None, "excluded", 0.04) == inputs.values  # type: ignore[arg-type]
 
 
 def test_closure_that_a_material_file_names() -> None:

@@ -116,6 +116,13 @@ def test_files_of_a_comparison(compared: Path, is_drawn: Callable) -> None:
     assert all(name in text for name in names) and all(f"({figure})" in text for figure in figures)
 
 
+def test_nothing_of_a_comparison_stays_beside_what_replaces_it(compared: Path, tmp_path: Path) -> None:
+    """But the runs of the DEM, which the next comparison uses again."""
+    shutil.copytree(compared, tmp_path / "copy")
+    files.prepare_output(tmp_path / "copy", overwrite=True)
+    assert [file.name for file in (tmp_path / "copy").iterdir()] == ["dem"]
+
+
 def test_paths_probes_and_closures_of_a_comparison(compared: Path) -> None:
     """Every closure on every path; a stored history read again gives the same number at the end of a segment."""
     columns = files.read_csv(compared / "paths.csv")

@@ -10,6 +10,7 @@ import pytest
 
 from cases import verify, verify_cost, verify_evaluate, verify_model, verify_probes, verify_text
 from cases.cost import closures as cost_closures
+from cases.measured import Inputs, mean_of
 from cases.screen import Screen
 from cases.verify_closures import CLOSURE_COLUMNS, PROBE_COLUMNS, closure_rows, probe_rows
 from cases.verify_dem import LOADINGS, STRESS_RATIO, loading_options
@@ -290,6 +291,16 @@ def comparison(loading: str, closure: str, quantity: str, ratio: float, dem: flo
     return Comparison(loading, closure, quantity, ratio, dem, 0.5, dem + error, error, 0.1, 2)
 
 
+def made_inputs(number: int) -> Inputs:
+    """Of one packing; the first has no fluctuation, and its error is not known."""
+    values = {"coordination": 3.9 + 0.1 * number, "slip": 1.0 + number, "neighbours": 6.0}
+    fluctuation = {"fluctuation": 0.3} if number else {}
+    return Inputs(
+        values | fluctuation, {"coordination": 0.07, "slip": 0.4, "neighbours": 0.0, "fluctuation": np.nan},
+        () if number else ("fluctuation",),
+    )  # fmt: skip
+
+
 def made_study() -> Study:
     """Two closures; the errors of the second are ten times those of the first and of the other sign."""
     rows, path_rows = [], []
@@ -317,7 +328,7 @@ def made_study() -> Study:
     return Study(
         np.linspace(0, 0.3, 61), {}, {loading: {"one": {}, "two": {}} for loading in LOADINGS},
         [SimpleNamespace(packing=SimpleNamespace(count=200, void_ratio=0.18 + 0.02 * k), seed=k + 1,
-                         inputs={"coordination": 3.9 + 0.1 * k, "slip": 1.0 + k}) for k in range(2)],  # type: ignore
+                         inputs=made_inputs(k).values, measured=made_inputs(k)) for k in range(2)],  # type: ignore
         rows, {"packing": 4.0, "measuring": 2.0, "model": 0.5, "constant_pressure": 6.0}, dict.fromkeys(PATHS),  # type: ignore
         path_rows, probes, {"one": 0.9, "two": 18.0}, [],
     )  # fmt: skip
@@ -369,7 +380,12 @@ def test_numbers_of_the_summary() -> None:
     assert lines[head + 3].startswith("| mean pressure constant: two | -3.00 % (0.2) | -0.1800 (0.4) | -0.2400 (0.5) |")
     assert "| **down** | DEM | -0.1500 ± 0.0707 | +0.0020 ± 0.0014 |" in lines
     assert "|  | one | -0.1800 | +0.5000 |" in lines
-    assert "| `coordination` | 3.95 | 0.071 |" in lines and "| `slip` | 1.5 | 0.71 |" in lines
+    head = lines.index("| input | mean | scatter | standard error of the mean |")
+    # between two packings, and of their mean; what is chosen has none, and one packing no scatter
+    assert lines[head + 2 : head + 6] == [
+        "| `coordination` | 3.95 | 0.071 | 0.05 |", "| `slip` | 1.5 | 0.71 | 0.5 |", "| `neighbours` | 6 | 0 | - |",
+        "| `fluctuation` | 0.3 | - | not known |",
+    ]  # fmt: skip
     assert "| DEM packing | 2.000 s |" in lines and "| DEM measuring of the inputs | 1.000 s |" in lines
     assert "| DEM loading, mean pressure constant | 3.000 s |" in lines
     assert "| model, 4 curves of 60 increments | 0.250 s |" in lines
@@ -409,8 +425,29 @@ def test_printed_errors_are_model_minus_dem(told: Any, capsys: pytest.CaptureFix
 
 
 def test_mean_inputs_leave_out_packings_without_a_value() -> None:
-    results: Any = [SimpleNamespace(inputs={"a": 1.0, "b": 2.0}), SimpleNamespace(inputs={"a": 3.0})]
-    assert verify.mean_inputs(results) == {"a": 2.0, "b": 2.0}
+    """The error of a mean is the scatter over the root of the number; of one packing it is its own."""
+    found = mean_of(
+        Inputs(values, {"a": 0.7, "b": 0.25}, missing)
+        for values, missing in (({"a": 1.0, "b": 2.0}, ("c",)), ({"a": 3.0}, ("b", "c")), ({"a": 5.0}, ("b", "c")))
+    )
+    assert found.values == {"a": 3.0, "b": 2.0} and found.missing == ("c",)
+    assert found.errors == {"a": pytest.approx(2.0 / np.sqrt(3)), "b": 0.25}
+
+
+def test_doubtful_inputs_are_marked_with_their_packing(monkeypatch: pytest.MonkeyPatch, told: Any) -> None:
+    """One line for each doubtful value of each packing, before the model is asked."""
+    measured = {
+        1: Inputs({"slip": 0.2, "neighbours": 6.0}, {"slip": 0.3, "neighbours": 0.0}),
+        2: Inputs({"isostatic_coordination": 7.0}, {"isostatic_coordination": 0.1}, ("fluctuation",)),
+    }
+    results = {number: SimpleNamespace(measured=inputs) for number, inputs in measured.items()}
+    store: Any = SimpleNamespace(complete=lambda number, report, stop: results[number])
+    assert verify._judge(store, [1, 2], Screen(), SimpleNamespace(wished=False)) == [*results.values()]  # type: ignore
+    assert told.lines == [
+        "seed 1: slip = 0.2 +- 0.3: its error is larger than itself",
+        "seed 2: isostatic_coordination = 7 +- 0.1: outside the bounds [0, 5] of the law, which will refuse it",
+        "seed 2: fluctuation is not measured: this packing does not give it",
+    ]
 
 
 # the cost study of closures

@@ -21,9 +21,16 @@ from dem_ref.distribution import edge_density, force_distribution
 from dem_ref.events import directional_change, network_change
 from dem_ref.fields import contact_fields, particle_fields
 from dem_ref.legs import stress_invariants
-from dem_ref.material import isostatic_coordination, mean_overlap, measure_material
+from dem_ref.material import (
+    isostatic_coordination,
+    mean_overlap,
+    measure_fabric,
+    measure_material,
+    measure_material_with_errors,
+)
 from dem_ref.measure import (
     Contacts,
+    bearing_particles,
     contacts_of,
     coordination_number,
     fabric_anisotropy,
@@ -34,11 +41,28 @@ from dem_ref.measure import (
     unbalanced_force,
 )
 from dem_ref.path import biaxial_test
-from dem_ref.probes import Probe, elastic_moduli, elastic_probes, stress_probe, uniform_strain_moduli
+from dem_ref.probes import Probe, ProbeError, elastic_moduli, elastic_probes, stress_probe, uniform_strain_moduli
 from dem_ref.sample import Sample, new_sample
-from dem_ref.sliding import PlasticPart, fit_dilatancy, fit_hardening, measure_sliding, peak_stress_ratio, plastic_part
+from dem_ref.sliding import (
+    Hardening,
+    PlasticPart,
+    fit_dilatancy,
+    fit_hardening,
+    measure_sliding,
+    peak_stress_ratio,
+    plastic_part,
+    sliding_errors,
+)
 from dem_ref.tessellation import gap_distribution, radical_neighbours
-from dem_ref.weak_contacts import measure_slip, measure_weak_contacts
+from dem_ref.uncertainty import Measured
+from dem_ref.weak_contacts import (
+    SlipLoop,
+    WeakContacts,
+    measure_slip,
+    measure_slip_with_errors,
+    measure_weak_contacts,
+    weak_contact_errors,
+)
 
 P = 1e5
 
@@ -121,18 +145,34 @@ def test_gaps_of_a_lattice_with_shrunken_disks(gapped):
     assert gap_distribution(gapped, pairs).window == 0.1
 
 
+def made_measurements(monkeypatch, moduli, moduli_error, weak, weak_error, loop, loop_error, isostatic) -> dict:
+    """Replace all that probes; what each was asked is kept, by name. Packings count as being at rest."""
+    asked = {}
+    for name, answer in (
+        ("elastic_probes", (["isotropic"], ["shear"])), ("elastic_moduli", moduli), ("moduli_errors", moduli_error),
+        ("measure_weak_contacts", weak), ("weak_contact_errors", weak_error),
+        ("measure_slip_with_errors", (loop, loop_error)), ("_isostatic", isostatic),
+    ):  # fmt: skip
+        def made(*arguments, name=name, answer=answer, **options):
+            asked[name] = arguments
+            return answer
+
+        monkeypatch.setattr(material, name, made)
+
+    def resting(sample):
+        asked["at_rest"] = (sample,)
+        return sample
+
+    monkeypatch.setattr(material, "at_rest", resting)
+    return asked
+
+
 def test_measured_density_of_gaps_counts_what_a_fifth_of_the_mean_force_would_close(gapped, monkeypatch):
     """The probes are made up: only the gaps are looked at."""
     one = SimpleNamespace(bulk_reduction=1.0, shear_reduction=1.0, shear=1.0)
-    other = SimpleNamespace(
-        ratio=1.0, ratio_isotropic=1.0, scatter=1.0, scatter_isotropic=1.0, fluctuation=1.0, tangential_ratio=1.0,
-        tangential_response=1.0, force_anisotropy_ratio=1.0, slip=1.0, irreversible_scatter=1.0,
-    )  # fmt: skip
-    for name, answer in (
-        ("elastic_probes", ([], [])), ("elastic_moduli", one), ("measure_weak_contacts", other),
-        ("measure_slip", other), ("isostatic_coordination", 3.0),
-    ):  # fmt: skip
-        monkeypatch.setattr(material, name, lambda *arguments, answer=answer, **options: answer)
+    weak, loop = WeakContacts(*7 * [1.0]), SlipLoop(*3 * [1.0])
+    made_measurements(monkeypatch, one, (0.0, 0.0), weak, weak, loop, loop, Measured(3.0, 0.0))
+    monkeypatch.setattr(material, "ISOTROPIC", 1.0)  # the holes do not lie alike in all directions
     measured = measure_material(gapped)
     assert measured["gap_density_at_zero"] == pytest.approx(4 / 8 / (0.2 * OVERLAP / gapped.mean_diameter), rel=1e-9)
     assert measured["neighbours"] == 6.0
@@ -142,6 +182,8 @@ def test_measured_density_of_gaps_counts_what_a_fifth_of_the_mean_force_would_cl
     assert measure_material(gapped, "excluded")["coordination"] == pytest.approx(2 * contacts / 136)
     assert measured["solid_fraction"] == pytest.approx(np.pi * (gapped.radius**2).sum() / gapped.area)
     assert measured["normal_stiffness"] == 2e9 and measured["stiffness_ratio"] == 1.0
+    # all forces are alike
+    assert measured["force_density_at_zero"] == 0.0
 
 
 DISTINCT = {
@@ -149,34 +191,102 @@ DISTINCT = {
     "elastic_scatter": 0.45, "elastic_scatter_isotropic": 0.35, "irreversible_scatter": 4.5, "fluctuation": 0.25,
     "tangential_force_ratio": 0.78, "slip": 1.1, "force_anisotropy_ratio": 1.15, "isostatic_coordination": 2.65,
 }  # fmt: skip
+DISTINCT_ERRORS = {
+    "bulk_reduction": 0.02 * 0.88, "shear_reduction": 0.03 * 0.69, "weak_contact_ratio": 0.11,
+    "weak_contact_ratio_isotropic": 0.12, "elastic_scatter": 0.13, "elastic_scatter_isotropic": 0.14,
+    "irreversible_scatter": 0.21, "fluctuation": 0.15, "tangential_force_ratio": 0.16, "slip": 0.22,
+    "force_anisotropy_ratio": 0.23, "isostatic_coordination": 0.24, "normal_stiffness": 0.0, "stiffness_ratio": 0.0,
+    "neighbours": 0.0,
+}  # fmt: skip
 
 
-def test_every_measured_number_goes_to_its_own_key(gapped, monkeypatch):
-    """Made-up measurements, all different; the slip delay is the friction over the tangential response."""
-    value = DISTINCT
-    sample = replace(gapped, friction=0.3)
+def test_every_measured_number_goes_to_its_own_key(packing, monkeypatch):
+    """Made-up measurements, all different; the slip delay is the friction over the tangential response.
+
+    Errors of the moduli are relative ones, and so is that of the delay: of the response.
+    """
+    sample = packing.with_friction(0.3)
     moduli = SimpleNamespace(bulk_reduction=0.88, shear_reduction=0.69, shear=5e8, bulk=9e8)
-    weak = SimpleNamespace(
+    weak = WeakContacts(
         ratio=0.75, ratio_isotropic=0.5, scatter=0.45, scatter_isotropic=0.35, fluctuation=0.25, tangential_ratio=0.78,
         tangential_response=0.6,
     )  # fmt: skip
-    loop = SimpleNamespace(force_anisotropy_ratio=1.15, slip=1.1, irreversible_scatter=4.5)
-    seen = []
-    for name, answer in (
-        ("elastic_probes", ([], [])), ("elastic_moduli", moduli), ("measure_weak_contacts", weak),
-        ("measure_slip", loop), ("isostatic_coordination", 2.65),
-    ):  # fmt: skip
-        def made(*arguments, name=name, answer=answer, **options):
-            seen.append((name, arguments))
-            return answer
+    weak_error = WeakContacts(
+        ratio=0.11, ratio_isotropic=0.12, scatter=0.13, scatter_isotropic=0.14, fluctuation=0.15, tangential_ratio=0.16,
+        tangential_response=0.06,
+    )  # fmt: skip
+    loop = SlipLoop(force_anisotropy_ratio=1.15, slip=1.1, irreversible_scatter=4.5)
+    loop_error = SlipLoop(force_anisotropy_ratio=0.23, slip=0.22, irreversible_scatter=0.21)
+    asked = made_measurements(
+        monkeypatch, moduli, (0.02, 0.03), weak, weak_error, loop, loop_error, Measured(2.65, 0.24)
+    )
+    found = measure_material_with_errors(sample)
+    assert {name: found[name].value for name in DISTINCT} == DISTINCT
+    assert {name: found[name].error for name in DISTINCT_ERRORS} == pytest.approx(DISTINCT_ERRORS)
+    assert found["slip_delay"] == Measured(pytest.approx(0.3 / 0.6), pytest.approx(0.3 / 0.6 * 0.1))
+    assert measure_material(sample) == {name: entry.value for name, entry in found.items()}
+    assert asked["at_rest"] == (sample,), "a sample that moves is held first"
+    assert asked["measure_slip_with_errors"][1:] == (0.05,), "the loops go to q/p = 0.05"
+    assert asked["_isostatic"][1:] == (5e8, 0.03, "included"), "the shear modulus, not the bulk modulus"
+    for name in ("measure_weak_contacts", "weak_contact_errors"):
+        assert asked[name][1:] == (["isotropic"], ["shear"])
+    assert asked["moduli_errors"] == (["isotropic"], ["shear"])
 
-        monkeypatch.setattr(material, name, made)
-    measured = measure_material(sample)
-    assert {name: measured[name] for name in value} == value
-    assert measured["slip_delay"] == pytest.approx(0.3 / 0.6)
-    asked = dict(seen)
-    assert asked["measure_slip"][1:] == (0.05,), "the loops go to q/p = 0.05"
-    assert 5e8 in asked["isostatic_coordination"], "the shear modulus, not the bulk modulus"
+
+def test_errors_of_what_is_counted_are_those_of_blocks(packing, monkeypatch):
+    """Coordination, P0, the density of gaps and the fabric without each sixteenth of the packing, computed anew."""
+    one = SimpleNamespace(bulk_reduction=1.0, shear_reduction=1.0, shear=1.0)
+    weak, loop = WeakContacts(*7 * [1.0]), SlipLoop(*3 * [1.0])
+    made_measurements(monkeypatch, one, (0.0, 0.0), weak, weak, loop, loop, Measured(3.0, 0.0))
+    contacts, pairs = contacts_of(packing), radical_neighbours(packing)
+
+    def cut(points):
+        """Four by four equal parts."""
+        place = np.floor(4 * np.mod(points @ np.linalg.inv(packing.cell), 1.0)).astype(int)
+        return 4 * place[:, 0] + place[:, 1]
+
+    def spread(numbers):
+        """Of numbers without one of 16 parts: as of a mean of 16, of which each has left out one."""
+        return np.sqrt(15 / 16 * np.sum((np.array(numbers) - np.mean(numbers, axis=0)) ** 2, axis=0))
+
+    disk = cut(packing.position)
+    middle = cut(packing.position[contacts.first] + 0.5 * contacts.length[:, None] * contacts.normal)
+    count = np.zeros(packing.count)
+    for i, j in zip(contacts.first, contacts.second):
+        count[i] += 1
+        count[j] += 1
+    found = measure_material_with_errors(packing)
+    assert found["coordination"].error == pytest.approx(spread([count[disk != k].mean() for k in range(16)]))
+    bears = bearing_particles(packing.count, contacts, 2)
+    count = np.zeros(packing.count)
+    for i, j in zip(contacts.first, contacts.second):
+        count[[i, j]] += bears[i] and bears[j]
+    excluded = measure_material_with_errors(packing, "excluded")["coordination"]
+    assert excluded.value == pytest.approx(count[bears].mean()) and bears.mean() < 1.0
+    assert excluded.error == pytest.approx(spread([count[bears & (disk != k)].mean() for k in range(16)]))
+
+    force = contacts.normal_force
+    without = []
+    for k in range(16):
+        x = force[middle != k] / force[middle != k].mean()
+        without.append(np.where(x < 0.5, 4 / 0.5 - 6 * x / 0.25, 0.0).mean())
+    counted = 2 / 0.5 * np.sqrt(np.count_nonzero(force < 0.5 * force.mean()) + 1) / len(force)
+    assert found["force_density_at_zero"].error == pytest.approx(max(spread(without), counted))
+
+    window = 0.2 * force_harmonics(contacts).mean / packing.normal_stiffness / packing.mean_diameter
+    apart = pairs.gap > 0
+    small = pairs.gap[apart] / packing.mean_diameter < window
+    own = disk[pairs.first[apart]]
+    counted = np.sqrt(small.sum() + 1) / (window * apart.sum())
+    expected = max(spread([small[own != k].mean() / window for k in range(16)]), counted)
+    assert found["gap_density_at_zero"].error == pytest.approx(expected)
+
+    e = contacts.double_angle
+    fabric = measure_fabric(packing)
+    expected = spread([2 * e[middle != k].mean(axis=0) for k in range(16)])
+    assert [entry.error for entry in fabric] == pytest.approx(expected.tolist())
+    assert [entry.value for entry in fabric] == pytest.approx(fabric_anisotropy(contacts).tolist())
+    assert expected[0] != pytest.approx(expected[1], rel=1e-2)
 
 
 # probes
@@ -194,11 +304,12 @@ def test_moduli_of_made_up_probes():
     """K = dp/d(eps_v) and G = dq/d(eps_1 - eps_2), engineering shear 2 eps_xy; means over the probes."""
     sample = triangular_lattice(6, 6, 1e-4, stiffness=1e9, ratio=0.5)
     k, g = 3e8, 1.7e8
+    contacts = contacts_of(sample)
     isotropic = []
     for dp, share in ((200.0, 1.1), (-200.0, 0.9)):  # K and its mean, from both signs
         volume = -dp / (share * k)
         # an imperfect probe: the two strains differ, their sum counts
-        isotropic.append(made_probe([-dp, -dp, 3.0], [0.7 * volume, 0.3 * volume, 1e-9]))
+        isotropic.append(made_probe([-dp, -dp, 3.0], [0.7 * volume, 0.3 * volume, 1e-9], contacts))
     shear = [
         made_probe([200.0, -200.0, 0.0], [200.0 / (2 * 0.8 * g), -200.0 / (2 * 0.8 * g), 0.0]),
         made_probe([0.0, 0.0, -200.0], [0.0, 0.0, -200.0 / (2 * 1.2 * g)]),
@@ -220,7 +331,8 @@ def test_elastic_probes_are_two_thousandths_of_p_up_down_and_on_two_axes(monkeyp
     monkeypatch.setattr(
         probes, "stress_probe", lambda sample, dp, dq, angle=np.pi / 2, **options: asked.append((dp, dq, angle))
     )
-    isotropic, shear = elastic_probes(sample)
+    monkeypatch.setattr(probes, "at_rest", lambda moving: sample)  # whatever moves: its p is not what counts
+    isotropic, shear = elastic_probes(triangular_lattice(6, 6, 2e-4, stiffness=1e9))
     assert len(isotropic) == len(shear) == 2
     expected = [(0.002 * p, 0.0, np.pi / 2), (-0.002 * p, 0.0, np.pi / 2)]
     expected += [(0.0, 0.002 * p, np.pi / 2), (0.0, 0.002 * p, np.pi / 4)]
@@ -245,25 +357,45 @@ def test_a_probe_moves_the_stress_where_it_is_told(packing):
 
 @pytest.mark.parametrize(("rattlers", "z0", "z1"), [("included", 4.0, 3.7), ("excluded", 4.2, 4.0)])
 def test_isostatic_coordination_is_where_the_line_through_two_moduli_ends(monkeypatch, rattlers, z0, z1):
-    """G = a (z - z_iso) with z_iso = 2.5, before and after an isotropic unloading by a twentieth of p."""
+    """G = a (z - z_iso) with z_iso = 2.5, before and after an isotropic unloading by a twentieth of p.
+
+    Its error is what a count of contacts lost, of one more and as of independent ones, and the modulus after unloading
+    move: that by the scatter of a direction, and by the share of the count in it.
+    """
     packed, unloaded = (
         SimpleNamespace(all_particles=a, without_rattlers=b) for a, b in ((4.0, 4.2), (3.7, 4.0))
     )
-    sample, after = object(), object()
+    sample, after, lost, count = SimpleNamespace(count=400), object(), 63, 400
     asked = []
 
     def unload(what, dp, dq, **options):
         asked.append((what is sample, dp, dq))
-        return SimpleNamespace(sample=after)
+        return SimpleNamespace(sample=after, change=SimpleNamespace(lost=lost))
 
     monkeypatch.setattr(material, "love_weber_stress", lambda what: np.array([-P, -P, 0.0]))
     monkeypatch.setattr(material, "stress_probe", unload)
     monkeypatch.setattr(material, "coordination_number", lambda what: packed if what is sample else unloaded)
     monkeypatch.setattr(material, "shear_modulus", lambda what: 7e7 * ((z1 if what is after else z0) - 2.5))
-    found = isostatic_coordination(sample, 7e7 * (z0 - 2.5), rattlers)  # type: ignore[arg-type]
+    modulus = 7e7 * (z0 - 2.5)
+    found = isostatic_coordination(sample, modulus, rattlers)  # type: ignore[arg-type]
     assert found == pytest.approx(2.5, rel=1e-12)
     assert asked == [(True, pytest.approx(-0.05 * P), 0.0)]
+    with_error = material._isostatic(sample, modulus, 0.02, rattlers)  # type: ignore[arg-type]
+    assert with_error.value == found
+
+    def end(fall, softening):
+        return z0 - fall / softening
+
+    fall, softening, small = z0 - z1, (z0 - z1) / (z0 - 2.5), 1e-6
+    moved = [
+        (end(fall + small * 2 * np.sqrt(lost + 1) / count, softening) - found) / small,
+        (end(fall, softening + small * 0.02) - found) / small,
+        (end(fall, softening * (1 + small / np.sqrt(lost))) - found) / small,
+    ]
+    assert with_error.error == pytest.approx(np.sqrt(np.sum(np.square(moved))), rel=1e-4)
     # a modulus that does not fall tells nothing
+    nothing = material._isostatic(sample, 7e7 * (z1 - 2.5), 0.02, rattlers)  # type: ignore[arg-type]
+    assert np.isnan(nothing.value) and np.isnan(nothing.error)
     assert np.isnan(isostatic_coordination(sample, 7e7 * (z1 - 2.5), rattlers))  # type: ignore[arg-type]
 
 
@@ -386,16 +518,133 @@ def test_isotropic_and_shear_probes_are_not_exchanged():
     assert found.scatter == pytest.approx(1e-4 / (CHI * 2e-3), rel=1e-9)
 
 
+BLOCKS = 16
+
+
+def block_numbers(mean, size, seed):
+    """One number a block about a mean, exactly this mean."""
+    away = np.random.default_rng(seed).normal(size=BLOCKS)
+    return mean + size * (away - away.mean())
+
+
+def error_of_blocks(values):
+    """Standard error of a mean over blocks."""
+    return np.std(values, ddof=1) / np.sqrt(BLOCKS)
+
+
+def copies_of_grid():
+    """The grid once in every block: block, directions, forces, signs."""
+    at, force, sign, _ = grid()
+    return np.repeat(np.arange(BLOCKS), len(at)), *(np.tile(part, BLOCKS) for part in (at, force, sign))
+
+
+def of_blocks(sample, contacts):
+    """Block of contacts whose keys say where they are; of the others, which have no part in it, any."""
+    return contacts.key // len(grid()[0]) % BLOCKS
+
+
+def probe_of_blocks(chi, scatter, a_t, mean, vector):
+    """Contacts of which each block has its own chi, scatter and tangential harmonic; a ring is lost in each."""
+    block, at, force, sign = copies_of_grid()
+    e = np.column_stack([np.cos(2 * at), np.sin(2 * at)])
+    weak = force < 0.15
+    share = np.where(weak, chi[block] + BELOW * force, 1.6)
+    # the strongest of every direction make up for the others of their block, so that the mean is that of all
+    strongest = force == force.max()
+    feels = [share[(block == k) & ~strongest].sum() / strongest[block == k].sum() for k in range(BLOCKS)]
+    share[strongest] = (len(FORCES) - np.array(feels))[block[strongest]]
+    change = share * (mean + e @ vector) + np.where(weak, scatter[block], 0.0) * sign
+    axis = np.asarray(vector) / (np.hypot(*vector) or 1.0)
+    t = -a_t[block] * (axis[0] * e[:, 1] - axis[1] * e[:, 0])
+    n = len(at)
+    lost, key = np.arange(0, n, 7), np.arange(n)
+    # those that are lost lie among the others in the list
+    before = contact_list(np.r_[at[lost], at], np.r_[np.ones(len(lost)), force], 0.1, np.r_[10 * n + lost, key])
+    after = contact_list(at, force + change, 0.1 + t, key)
+    return before, after
+
+
+def test_errors_of_weak_contacts_are_those_of_blocks(monkeypatch):
+    """What is a mean over contacts has the standard error of a mean over 16 blocks; others to the first order."""
+    monkeypatch.setattr(weak_contacts, "blocks_of_contacts", of_blocks)
+    # the lost ones come first, so that blocks of all contacts are not those of the persisting ones
+    sample = triangular_lattice(6, 6, 1e-4, stiffness=1e9)
+    p = stress_invariants(love_weber_stress(sample))[0]
+    same = np.ones(BLOCKS)
+    chi, chi_p = block_numbers(CHI, 0.05, 1), block_numbers(CHI, 0.08, 2)
+    a_t, strain, ratio = block_numbers(2e-3, 1e-4, 3), 3e-6, 2e-3
+
+    def shear(chi, scatter, a_t):
+        before, after = probe_of_blocks(chi, scatter, a_t, 0.0, np.array([-2e-3, 0.0]))
+        return made_probe((ratio * p, -ratio * p, 0.0), (strain / 2, -strain / 2, 0.0), before, after)
+
+    def isotropic(chi, scatter):
+        before, after = probe_of_blocks(chi, scatter, 0 * same, 2e-3, np.zeros(2))
+        return made_probe((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), before, after)
+
+    quiet = 1e-5 * same
+    value = measure_weak_contacts(sample, [isotropic(chi_p, quiet)], [shear(chi, quiet, a_t)])
+    error = weak_contact_errors(sample, [isotropic(chi_p, quiet)], [shear(chi, quiet, a_t)])
+    assert (value.ratio, value.ratio_isotropic) == (pytest.approx(CHI), pytest.approx(CHI))
+    assert error.ratio == pytest.approx(error_of_blocks(chi), rel=1e-6)
+    assert error.ratio_isotropic == pytest.approx(error_of_blocks(chi_p), rel=1e-6)
+    assert value.tangential_ratio == pytest.approx(2e-3 / ratio, rel=1e-6)
+    assert error.tangential_ratio == pytest.approx(error_of_blocks(a_t) / ratio, rel=1e-6)
+
+    # scatter: its square is a mean over blocks
+    scatter, scatter_p = block_numbers(4e-4, 1e-5, 4), block_numbers(5e-4, 2e-5, 5)
+    made = [isotropic(CHI * same, scatter_p)], [shear(CHI * same, scatter, 2e-3 * same)]
+    value, error = measure_weak_contacts(sample, *made), weak_contact_errors(sample, *made)
+    first_order = error_of_blocks(scatter**2) / (2 * np.sqrt(np.mean(scatter**2)))
+    assert error.scatter == pytest.approx(first_order / (CHI * 2e-3), rel=0.01)
+    unit = strain * 1e9 * 0.5 / force_harmonics(made[1][0].before).mean
+    assert error.fluctuation == pytest.approx(first_order / unit, rel=0.01)
+    first_order = error_of_blocks(scatter_p**2) / (2 * np.sqrt(np.mean(scatter_p**2)))
+    assert error.scatter_isotropic == pytest.approx(first_order / (CHI * 2e-3), rel=0.01)
+    assert error.ratio < 1e-9 and error.ratio_isotropic < 1e-9 and error.tangential_ratio < 1e-9
+
+    # two probes of the same contacts: what one has more the other has less, and their mean is sure of it
+    pair = [shear(chi, quiet, a_t), shear(2 * CHI - chi, quiet, a_t)]
+    assert weak_contact_errors(sample, [isotropic(chi_p, quiet)], pair).ratio < 1e-9
+    pair = [shear(chi, quiet, a_t), shear(chi, quiet, a_t)]
+    assert weak_contact_errors(sample, [isotropic(chi_p, quiet)], pair).ratio == pytest.approx(
+        error_of_blocks(chi), rel=1e-6
+    )
+
+
+def test_one_weak_contact_tells_nothing_and_two_do():
+    """No number instead of a line through one point; the harmonic of all contacts is told all the same."""
+    sample = triangular_lattice(6, 6, 1e-4, stiffness=1e9)
+    theta = np.arange(40) * np.pi / 40
+    e = np.column_stack([np.cos(2 * theta), np.sin(2 * theta)])
+    for weak in (1, 2):
+        force = np.r_[np.full(weak, 0.05), np.full(40 - weak, 1.0)]
+        change, t = 1e-3 * e[:, 0], -1e-3 * e[:, 1]
+        probe = made_probe(
+            (2.0, -2.0, 0.0), (1e-6, -1e-6, 0.0), contact_list(theta, force), contact_list(theta, force + change, t)
+        )
+        found = measure_weak_contacts(sample, [probe], [probe])
+        told = [found.ratio, found.scatter, found.fluctuation, found.tangential_response, found.ratio_isotropic]
+        assert np.isfinite(told).all() == (weak == 2) and np.isnan(told).all() == (weak == 1)
+        assert np.isfinite(found.tangential_ratio)
+
+
 C_N, SLIP, C_I = 1.15, 1.3, 5.0
 
 
 @dataclass
 class MadeUp:
-    """A sample whose contacts follow the law that loops are measured for: a state of a stress ratio vector."""
+    """A sample whose contacts follow the law that loops are measured for: a state of a stress ratio vector.
+
+    Blocks may have their own numbers, and so may directions of loading.
+    """
 
     ratio: np.ndarray
     slipped: np.ndarray
     largest: float = 0.0
+    c_n: np.ndarray | float = C_N
+    slip: np.ndarray | float = SLIP
+    c_i: np.ndarray | float = C_I
 
     @property
     def stress(self):
@@ -404,16 +653,17 @@ class MadeUp:
     @property
     def contacts(self):
         """a_n = c_n s; a_t = -k s^2/2 left by a loop; residual changes of the normal forces of middling contacts."""
-        at, force, sign, _ = grid()
+        block, at, force, sign = copies_of_grid()
+        c_n, slip, c_i = (np.broadcast_to(number, BLOCKS)[block] for number in (self.c_n, self.slip, self.c_i))
         e = np.column_stack([np.cos(2 * at), np.sin(2 * at)])
         middling = (force > 0.1) & (force < 0.5)
         # what a loop leaves besides, beyond the forces that are looked at, must not count; a shift and a harmonic of
         # the middling contacts must not either
-        scatter = np.where(middling, C_I, 40.0) * self.largest**2
+        scatter = np.where(middling, c_i, 40.0) * self.largest**2
         shift = np.where(middling, 0.2 * self.largest + 0.3 * (e @ self.slipped), 0.0)
-        normal = force * (1.0 + C_N * (e @ self.ratio)) + scatter * sign + shift
-        left = -0.5 * SLIP * np.hypot(*self.slipped) * self.slipped
-        tangential = -(left[0] * e[:, 1] - left[1] * e[:, 0])
+        normal = force * (1.0 + c_n * (e @ self.ratio)) + scatter * sign + shift
+        left = -0.5 * np.hypot(*self.slipped) * self.slipped
+        tangential = -slip * (left[0] * e[:, 1] - left[1] * e[:, 0])
         return contact_list(at, 11.0 * normal, 11.0 * tangential)
 
 
@@ -423,16 +673,26 @@ def made_up_probe(sample, dp, dq, angle=np.pi / 2, **options):
     returned = np.hypot(*after) < 1e-12
     slipped = sample.ratio if returned else sample.slipped
     largest = max(sample.largest, float(np.hypot(*sample.ratio))) if returned else sample.largest
-    return SimpleNamespace(sample=MadeUp(after, slipped, largest), before=sample.contacts)
+    return SimpleNamespace(
+        sample=replace(sample, ratio=after, slipped=slipped, largest=largest), before=sample.contacts
+    )
 
 
-def test_loops_of_a_made_up_sample(monkeypatch):
-    """c_n at the top, k and c_i from what a loop leaves, over s^2; the loop's size does not matter."""
-    start = MadeUp(np.zeros(2), np.zeros(2))
-    monkeypatch.setattr(weak_contacts, "settled", lambda sample, *rest, **options: sample)
+@pytest.fixture
+def loops(monkeypatch):
+    """Loops of made-up samples; a sample that moves is held first, as is recorded."""
+    held = []
+    monkeypatch.setattr(weak_contacts, "settled", lambda sample, *rest, **options: (held.append(sample), sample)[1])
     monkeypatch.setattr(weak_contacts, "stress_probe", made_up_probe)
     monkeypatch.setattr(weak_contacts, "contacts_of", lambda sample: sample.contacts)
     monkeypatch.setattr(weak_contacts, "love_weber_stress", lambda sample, *rest: sample.stress)
+    monkeypatch.setattr(weak_contacts, "blocks_of_contacts", lambda sample, contacts: of_blocks(sample, contacts))
+    return held
+
+
+def test_loops_of_a_made_up_sample(loops):
+    """c_n at the top, k and c_i from what a loop leaves, over s^2; the loop's size does not matter."""
+    start = MadeUp(np.zeros(2), np.zeros(2))
     for size in (0.05, 0.02):
         found = measure_slip(start, size)  # type: ignore[arg-type]
         assert found.force_anisotropy_ratio == pytest.approx(C_N, rel=1e-9)
@@ -440,6 +700,55 @@ def test_loops_of_a_made_up_sample(monkeypatch):
         assert found.irreversible_scatter == pytest.approx(C_I, rel=1e-6)
     default = measure_slip(start)  # type: ignore[arg-type]
     assert default.slip == pytest.approx(SLIP, rel=1e-6)
+    assert loops == [start] * 3
+    value, error = measure_slip_with_errors(start)  # type: ignore[arg-type]
+    assert value == default and len(loops) == 4
+    # alike in all blocks and directions
+    assert (error.force_anisotropy_ratio, error.slip, error.irreversible_scatter) == pytest.approx((0, 0, 0), abs=1e-7)
+
+
+def test_errors_of_loops_are_those_of_blocks(loops):
+    """c_n and k are means over blocks; the square of c_i is one, so that its error is known to the first order."""
+    c_n, slip, c_i = block_numbers(C_N, 0.1, 6), block_numbers(SLIP, 0.2, 7), block_numbers(C_I, 0.1, 8)
+    start = MadeUp(np.zeros(2), np.zeros(2), c_n=c_n, slip=slip, c_i=c_i)
+    value, error = measure_slip_with_errors(start)  # type: ignore[arg-type]
+    assert value == measure_slip(start)  # type: ignore[arg-type]
+    assert (value.force_anisotropy_ratio, value.slip) == (pytest.approx(C_N), pytest.approx(SLIP))
+    assert error.force_anisotropy_ratio == pytest.approx(error_of_blocks(c_n), rel=1e-6)
+    assert error.slip == pytest.approx(error_of_blocks(slip), rel=1e-6)
+    expected = error_of_blocks(c_i**2) / (2 * np.sqrt(np.mean(c_i**2)))
+    assert error.irreversible_scatter == pytest.approx(expected, rel=0.02)
+
+
+def test_errors_of_loops_are_at_least_what_directions_differ_by(loops, monkeypatch):
+    """Four loops, two of them of the other sign; the value is the mean of the first two, and so is its error.
+
+    A sample that does not carry the other sign has the error of its blocks.
+    """
+    of_angle = {90.0: 1.0, 45.0: 1.4, 180.0: 1.1, 135.0: 1.3}
+    carried = set(of_angle)
+
+    def probe(sample, dp, dq, angle=np.pi / 2, **options):
+        degrees = round(float(np.degrees(angle)), 6)
+        if degrees not in carried:
+            raise ProbeError("it does not settle")
+        factor = of_angle[degrees]
+        return made_up_probe(replace(sample, c_n=factor, slip=2 * slip * factor, c_i=3 * factor), dp, dq, angle)
+
+    monkeypatch.setattr(weak_contacts, "stress_probe", probe)
+    slip = block_numbers(1.0, 0.1, 9)
+    start = MadeUp(np.zeros(2), np.zeros(2), slip=2 * slip)
+    value, error = measure_slip_with_errors(start)  # type: ignore[arg-type]
+    assert value.force_anisotropy_ratio == pytest.approx(1.2) and value.slip == pytest.approx(2.4, rel=1e-6)
+    apart = np.std([1.0, 1.4, 1.1, 1.3], ddof=1) / np.sqrt(2)
+    assert error.force_anisotropy_ratio == pytest.approx(apart, rel=1e-6)
+    assert error.slip == pytest.approx(2 * apart, rel=1e-6)
+    assert error.irreversible_scatter == pytest.approx(3 * apart, rel=1e-6)
+    carried -= {135.0}
+    value, error = measure_slip_with_errors(start)  # type: ignore[arg-type]
+    assert value.slip == pytest.approx(2.4, rel=1e-6)
+    assert error.slip == pytest.approx(2.4 * error_of_blocks(slip), rel=1e-6)
+    assert error.force_anisotropy_ratio == pytest.approx(0.0, abs=1e-9)
 
 
 # sliding
@@ -561,6 +870,24 @@ def test_sliding_wants_fifty_reference_strains():
             refused.append(False)
         assert refused[-1] == (reached < 50.0)
     assert True in refused and False in refused
+
+
+def test_error_of_the_peak_is_the_scatter_of_the_plateau():
+    """Steps as wide as the window of the peak, from 0.9 of it on; what is straight or chosen has no error."""
+    steps = np.array([0.40, 0.38, 0.41, 0.39, 0.37, 0.42, 0.40, 0.38])
+    # the rise to below nine tenths of the peak, eight whole windows of ten, and less than one that does not count
+    x = np.r_[np.linspace(0.0, 0.14, 5601)[:-1], 0.14 + 0.8 * np.arange(3200) / 3200, np.linspace(0.94, 1.0, 241)]
+    ratio = np.r_[0.35 * np.linspace(0.0, 1.0, 5601)[:-1] ** 4, np.repeat(steps, 400), np.full(241, 0.41)]
+    # as much dilation as goes with a line of slope 1.2 from q/p = 0.2 on
+    rate = np.r_[0.0, 0.5 * (ratio[1:] + ratio[:-1]) * np.diff(x)]
+    dilation = 1.2 * (np.cumsum(rate) - 0.2 * x)
+    part = PlasticPart(ratio, x, x, dilation, dilation)
+    peak = peak_stress_ratio(part)
+    assert peak == pytest.approx(0.42, abs=2e-3)
+    found = sliding_errors(part, Hardening(peak, 0.0, 0.01, 2.0, 0.0))
+    assert found["peak_stress_ratio"] == pytest.approx(np.std(steps, ddof=1), rel=0.02)
+    assert found["dilatancy"] < 0.01 and found["constant_volume_stress_ratio"] < 0.005
+    assert found["first_yield_stress_ratio"] == found["hardening_exponent"] == 0.0
 
 
 # events and fields
