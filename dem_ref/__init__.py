@@ -6,8 +6,8 @@ Reading order:
 - `relaxation` and `packing` (isotropic packings from a seed);
 - `legs`, `leg_state`, `endings`, `servo`, `path`, `biaxial` (loading, history, checkpoints), `ensemble` (several
   samples);
-- `measure`, `events`, `distribution`, `tessellation`, `probes`, `weak_contacts`, `material`, `sliding` (what is measured,
-  from definitions), `uncertainty` (how far that may be off);
+- `measure`, `events`, `distribution`, `tessellation`, `probes`, `weak_contacts`, `material`, `sliding` (what is
+  measured, from definitions), `uncertainty` (how far that may be off);
 - `fields` (arrays for pictures).
 
 Nothing here is shared with the law that it judges. Stresses and strains are tension positive, order xx, yy, xy; forces

@@ -16,6 +16,7 @@ from dem_ref.measure import (
     force_harmonics,
     love_weber_stress,
 )
+from dem_ref.packing import make_packing
 from dem_ref.path import Segment, biaxial_test, loading_cycles, principal_rotation
 from dem_ref.probes import (
     ELASTIC_LIMITS,
@@ -289,6 +290,22 @@ def test_slip_grows_with_the_square_of_the_stress_ratio(large_packing):
     assert large.force_anisotropy_ratio == pytest.approx(small.force_anisotropy_ratio, rel=0.12)
 
 
+def gap_density(sample: Sample, share: float) -> float:
+    """Density of the gaps that an approach by this share of the mean overlap closes, over the mean diameter."""
+    pairs = radical_neighbours(sample)
+    diameter = 2 * sample.radius.mean()
+    window = share * force_harmonics(contacts_of(sample)).mean / sample.normal_stiffness / diameter
+    return float(np.mean(pairs.gap[pairs.gap > 0] / diameter < window) / window)
+
+
+def test_gaps_are_counted_up_to_a_fifth_of_the_mean_overlap():
+    """On a packing whose count tells windows apart: three gaps up to a tenth and to a fifth, four up to two fifths."""
+    sample = make_packing(300, 1)
+    found = measure_material(sample)["gap_density_at_zero"]
+    assert found == pytest.approx(gap_density(sample, 0.2), rel=1e-9)
+    assert all(abs(found / gap_density(sample, share) - 1) > 0.2 for share in (0.1, 0.15, 0.25, 0.4))
+
+
 def test_material_table_has_what_the_packing_and_its_probes_say(packing):
     table = measure_material(packing)
     assert set(table) == {*MATERIAL_KEYS, *CLOSURE_KEYS}
@@ -307,11 +324,7 @@ def test_material_table_has_what_the_packing_and_its_probes_say(packing):
     share, moment = len(low) / len(force), low.sum() / len(force)
     value, _ = np.linalg.solve([[0.5, 0.5**2 / 2], [0.5**2 / 2, 0.5**3 / 3]], [share, moment])
     assert table["force_density_at_zero"] == pytest.approx(value, rel=1e-9)
-    # gaps that an approach by a fifth of the mean overlap closes
-    pairs = radical_neighbours(packing)
-    xi = pairs.gap[pairs.gap > 0] / (2 * radius.mean())
-    window = 0.2 * force_harmonics(contacts).mean / kn / (2 * radius.mean())
-    assert table["gap_density_at_zero"] == pytest.approx(np.mean(xi < window) / window, rel=1e-9)
+    assert table["gap_density_at_zero"] == pytest.approx(gap_density(packing, 0.2), rel=1e-9)
     # moduli: pressure over change of area, deviator over shear, against uniform strain
     bulk, shear = [], []
     p = -love_weber_stress(packing)[:2].mean()
