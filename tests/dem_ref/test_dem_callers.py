@@ -303,7 +303,8 @@ def test_an_interrupted_motion_is_whole():
         keys = threading.Thread(target=press)
         try:
             keys.start()
-            for turn in itertools.cycle((1.0, -1.0)):  # to and fro: however late the key comes, the cell keeps its shape
+            # to and fro: however late the key comes, the cell keeps its shape
+            for turn in itertools.cycle((1.0, -1.0)):
                 motion.run(2000, Control(drive=turn * drive))
         except KeyboardInterrupt:
             caught += 1
