@@ -347,7 +347,8 @@ def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
         )
         for line in record.details["not_reached"]:
             screen.say(line)
-    doubtful = _doubts(from_data(record.details.get("measured")))
+    measured = from_data(record.details.get("measured"))
+    doubtful = _doubts(measured)
     for line in doubtful:
         screen.say(f"{files.MATERIAL}: {line}")
     if record.outcome != "finished":
@@ -357,6 +358,8 @@ def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
     )
     many = "s" if len(doubtful) > 1 else ""
     warned = f"; {len(doubtful)} warning{many} on {files.MATERIAL}" if doubtful else ""
+    if illegal := refused(measured):
+        warned += f", the law will refuse {', '.join(illegal)}"
     screen.say(f"{phases}; results in {record.folder}{warned}")
 
 

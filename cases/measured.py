@@ -136,8 +136,10 @@ def with_error(inputs: Inputs, name: str) -> str:
 
 
 def warnings(inputs: Inputs) -> list[str]:
-    """One line for each doubtful value."""
-    return [f"{with_error(inputs, name)}: {'; '.join(said)}" for name, said in remarks(inputs).items()]
+    """One line for each doubtful value; those that the law refuses come last, where they are seen."""
+    illegal = refused(inputs)
+    said = sorted(remarks(inputs).items(), key=lambda entry: entry[0] in illegal)
+    return [f"{with_error(inputs, name)}: {'; '.join(texts)}" for name, texts in said]
 
 
 def as_data(inputs: Inputs) -> dict[str, dict[str, Any]]:

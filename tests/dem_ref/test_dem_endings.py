@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
 from dem_ref import leg_state
 from dem_ref.biaxial import HISTORY_COLUMNS, DemRun, RunOptions
 from dem_ref.endings import Ending, ending_text
-from dem_ref.leg_state import LegState
+from dem_ref.leg_state import LEG_NUMBERS, LegState
 from dem_ref.legs import mixed_leg, stress_leg
 from dem_ref.measure import contacts_of, love_weber_stress, unbalanced_force
 from dem_ref.motion import Motion
@@ -86,6 +88,7 @@ def test_later_legs_are_not_begun_without_pressure(small):
     down = [Segment("invariants", pressure=share, stress_ratio=0.0) for share in (0.02, 0.01)]
     run = followed(small, *down, mixed(STRAIN, (1e-5, 1e-5, 0.0), relative=True), limits=RateLimits(1e-4, 1e-3))
     assert run.message.startswith("segment 3: the sample has lost its pressure: p = ")
+    assert 0.5e-3 * P < run.history()["p"][-1] < 1e-3 * P
 
 
 @pytest.mark.parametrize("share", [1e-2, 2e-4])
@@ -194,6 +197,16 @@ def test_runs_that_were_given_up_resume_to_the_same_words_and_bits(tmp_path, sma
         resumed = DemRun.resume(tmp_path / "half.npz", options)
         assert not resumed.execute()
         assert resumed.message == straight.message and np.array_equal(resumed.rows, straight.rows), name
+
+
+def test_the_state_of_a_leg_is_stored_whole():
+    numbers = np.arange(1.0, LEG_NUMBERS + 1.0)
+    state = LegState.from_array(numbers)
+    assert np.array_equal(state.to_array(), numbers)
+    spread = [np.atleast_1d(getattr(state, entry.name)) for entry in fields(LegState)]
+    assert sorted(np.concatenate(spread)) == numbers.tolist()
+    with pytest.raises(SampleError, match="23 numbers"):
+        LegState.from_array(numbers[:17])
 
 
 def test_the_words_name_the_pressures():
