@@ -296,9 +296,13 @@ def test_an_interrupted_motion_is_whole():
         sample = triangular_lattice(12, 12, 2.0**-7, STIFFNESS)
         motion = Motion(sample, refresh=1e-6)
 
-        def press(pause=0.002 + 0.001 * number):
+        heard = threading.Event()
+
+        def press(heard=heard, pause=0.002 + 0.001 * number):
             time.sleep(pause)
             os.kill(os.getpid(), signal.SIGINT)
+            while not heard.wait(0.5):  # Python may lose an interruption, within a callback of its memory management
+                os.kill(os.getpid(), signal.SIGINT)
 
         keys = threading.Thread(target=press)
         try:
@@ -307,6 +311,7 @@ def test_an_interrupted_motion_is_whole():
             for turn in itertools.cycle((1.0, -1.0)):
                 motion.run(2000, Control(drive=turn * drive))
         except KeyboardInterrupt:
+            heard.set()
             caught += 1
         keys.join()
         whole, rest = divmod(motion.steps_done, 2000)
