@@ -13,11 +13,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_ref.arrays import whole
-from dem_ref.biaxial import at_stress_ratios
-from dem_ref.packing import PackingOptions, make_packing
-from dem_ref.probes import is_at_rest
-from dem_ref.sample import Sample, SampleError, load_sample, save_sample
+from granfabric.dem_ref.dynamics.packing import PackingOptions, make_packing
+from granfabric.dem_ref.inputs.probes import is_at_rest
+from granfabric.dem_ref.loading.run import at_stress_ratios
+from granfabric.dem_ref.sample.disks import Sample, SampleError, load_sample, save_sample
+
+from .arrays import whole
 
 Result = TypeVar("Result")
 MOST_THREADS = 10_000

@@ -11,15 +11,15 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from cases import plot_style
-from cases.cli import main
-from cases.prepare import prepare
-from cases.scene import load
-from cases.screen import Screen
-from fem.initial import initial_result
-from fem.problem import Problem
-from fem.results import StepResult
-from fem.stepping import solve
+from granfabric.cases.commands.cli import main
+from granfabric.cases.field.prepare import prepare
+from granfabric.cases.pictures import style as plot_style
+from granfabric.cases.scene.reader import load
+from granfabric.cases.terminal.screen import Screen
+from granfabric.fem.equilibrium.initial import initial_result
+from granfabric.fem.equilibrium.results import StepResult
+from granfabric.fem.equilibrium.stepping import solve
+from granfabric.fem.loads.problem import Problem
 
 
 class Table(NamedTuple):

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from cases.catalogue import shipped
-from cases.errors import InputError, RunError
+from granfabric.cases.errors import InputError, RunError
+from granfabric.cases.scene.catalogue import shipped
 
 
 def test_help_lists_the_commands(granfabric: Callable) -> None:
@@ -69,7 +69,7 @@ def test_codes_of_the_ways_in_which_a_command_ends(
     def ends() -> None:
         raise error
 
-    monkeypatch.setattr("cases.cli.app", ends)
+    monkeypatch.setattr("granfabric.cases.commands.cli.app", ends)
     result = granfabric()
     assert (result.code, result.err) == (code, said)
 
@@ -92,7 +92,7 @@ def test_only_what_was_finished_ends_with_code_0(
 def test_help_and_scenes_load_nothing_heavy(arguments: list[str]) -> None:
     heavy = ["numpy", "numba", "scipy", "matplotlib", "skfem", "meshio"]
     program = (
-        "import sys\nfrom cases.cli import app\n"
+        "import sys\nfrom granfabric.cases.commands.cli import app\n"
         f"app({arguments!r}, standalone_mode=False)\n"
         f"print([name for name in {heavy!r} if name in sys.modules], file=sys.stderr)"
     )

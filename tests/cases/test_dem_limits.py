@@ -11,21 +11,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases import dem, files, verify, verify_dem
-from cases.cost.grains import GrainStore
-from cases.cost.study import StudyError
-from cases.material_file import material_text, read_material, refusal
-from cases.measured import Inputs, as_data, bounds, from_data, mean_of, refused, remarks, warnings
-from cases.scene import load
-from cases.screen import Screen
-from cases.verify_dem import DemStore, RunGivenUpError
-from constitutive.parameters import CLOSURE_NUMBERS, Material
-from dem_ref.biaxial import RunOptions
-from dem_ref.measure import unbalanced_force
-from dem_ref.path import Segment
-from dem_ref.sample import load_sample, save_sample
-from dem_ref.servo import RateLimits
-from dem_ref.sliding import SLIDING_KEYS, measure_sliding_with_errors
+from granfabric.cases.commands import dem, verify
+from granfabric.cases.cost.grains import GrainStore
+from granfabric.cases.cost.study import StudyError
+from granfabric.cases.records import files
+from granfabric.cases.scene.material_file import material_text, read_material, refusal
+from granfabric.cases.scene.measured import Inputs, as_data, bounds, from_data, mean_of, refused, remarks, warnings
+from granfabric.cases.scene.reader import load
+from granfabric.cases.terminal.screen import Screen
+from granfabric.cases.verify import dem_side as verify_dem
+from granfabric.cases.verify.dem_side import DemStore, RunGivenUpError
+from granfabric.constitutive.parameters import CLOSURE_NUMBERS, Material
+from granfabric.dem_ref.inputs.sliding import SLIDING_KEYS, measure_sliding_with_errors
+from granfabric.dem_ref.loading.path import Segment
+from granfabric.dem_ref.loading.run import RunOptions
+from granfabric.dem_ref.loading.servo import RateLimits
+from granfabric.dem_ref.measures.contacts import unbalanced_force
+from granfabric.dem_ref.sample.disks import load_sample, save_sample
 
 HEAD = 'title = "t"\nkind = "dem"\n[packing]\nparticles = 100\n'
 QUIET = "[output]\npictures = false\nevery = 0\n[measure]\nmaterial = false\n"

@@ -10,7 +10,7 @@ import pytest
 from drawn import check_in_sight, curves, heading, legend, words
 from matplotlib.colors import to_hex
 
-from cases.cost import (
+from granfabric.cases.cost import (
     arcs,
     closures,
     decisions,
@@ -23,12 +23,12 @@ from cases.cost import (
     mesh,
     tangents,
 )
-from cases.cost import draw as work_precision_module
-from cases.cost import page as cost_page
-from cases.cost.catalogue import STUDIES
-from cases.cost.draw import FRONT, LOOKS, work_precision
-from cases.cost.front import mark_fronts
-from cases.cost.study import Axes
+from granfabric.cases.cost import draw as work_precision_module
+from granfabric.cases.cost import page as cost_page
+from granfabric.cases.cost.catalogue import STUDIES
+from granfabric.cases.cost.draw import FRONT, LOOKS, work_precision
+from granfabric.cases.cost.front import mark_fronts
+from granfabric.cases.cost.study import Axes
 
 Row = dict[str, Any]
 

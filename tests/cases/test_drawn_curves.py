@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from drawn import bands, check_curves, check_in_sight, check_legend, curves, heading, legend, same, unnamed, words
 
-from cases import convergence, files, plots
-from cases.convergence import Level
-from cases.plots_comparison import draw_comparison
-from cases.plots_field import draw_field
-from cases.plots_point import draw_point, horizontal
-from constitutive.path import POINT_COLUMNS
+from granfabric.cases.commands import convergence
+from granfabric.cases.commands.convergence import Level
+from granfabric.cases.pictures import draw as plots
+from granfabric.cases.pictures.comparison import draw_comparison
+from granfabric.cases.pictures.field import draw_field
+from granfabric.cases.pictures.point import draw_point, horizontal
+from granfabric.cases.records import files
+from granfabric.constitutive.path import POINT_COLUMNS
 
 STEPS = 12
 

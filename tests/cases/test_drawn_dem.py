@@ -11,18 +11,20 @@ import pytest
 from drawn import bands, check_curves, check_in_sight, check_legend, curves, heading, legend, same, unnamed, words
 from matplotlib.collections import EllipseCollection, LineCollection
 
-from cases import plots_dem, plots_distribution, plots_verify
-from cases.plot_style import BLACK, picture
-from cases.plots_closures import LINES, line_of
-from cases.plots_verify_paths import draw_cycles, draw_rotation
-from cases.verify_dem import LOADINGS, SeedResult
-from cases.verify_study import PathStudy, Study
-from dem_ref.biaxial import HISTORY_COLUMNS
-from dem_ref.distribution import Density, EdgeFit, ForceDistribution, force_distribution
-from dem_ref.fields import contact_fields, particle_fields
-from dem_ref.measure import contacts_of
-from dem_ref.packing import make_packing
-from dem_ref.tessellation import GapDistribution, gap_distribution, radical_neighbours
+from granfabric.cases.pictures import dem as plots_dem
+from granfabric.cases.pictures import distribution as plots_distribution
+from granfabric.cases.pictures.closures import LINES, line_of
+from granfabric.cases.pictures.style import BLACK, picture
+from granfabric.cases.verify import pictures as plots_verify
+from granfabric.cases.verify.dem_side import LOADINGS, SeedResult
+from granfabric.cases.verify.pictures_paths import draw_cycles, draw_rotation
+from granfabric.cases.verify.study import PathStudy, Study
+from granfabric.dem_ref.dynamics.packing import make_packing
+from granfabric.dem_ref.loading.run import HISTORY_COLUMNS
+from granfabric.dem_ref.measures.contacts import contacts_of
+from granfabric.dem_ref.measures.distribution import Density, EdgeFit, ForceDistribution, force_distribution
+from granfabric.dem_ref.measures.fields import contact_fields, particle_fields
+from granfabric.dem_ref.measures.tessellation import GapDistribution, gap_distribution, radical_neighbours
 
 ROWS = 10
 SCENE = {"title": "Disks", "rates": {"unbalanced_force": 3e-3, "inertial_number": 7e-5}}

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from drawn import check_curves, check_legend, curves, heading, same, unnamed, words
 
-from constitutive.contract import Status
-from dem_ref.measure import Contacts
+from granfabric.constitutive.contract import Status
+from granfabric.dem_ref.measures.contacts import Contacts
 
 HOME = Path(__file__).resolve().parents[2]
 

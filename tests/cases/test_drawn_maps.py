@@ -12,10 +12,10 @@ import pytest
 from drawn import heading, words
 from matplotlib.collections import LineCollection
 
-from cases import series
-from cases.plot_style import picture
-from cases.plots_field import draw_field
-from cases.plots_maps import MAPS, chosen_maps, draw_map, wide
+from granfabric.cases.pictures.field import draw_field
+from granfabric.cases.pictures.maps import MAPS, chosen_maps, draw_map, wide
+from granfabric.cases.pictures.style import picture
+from granfabric.cases.records import series
 
 
 def mesh(seed: int, width: float = 1.0, height: float = 2.0, n: int = 6) -> Any:

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cases.cost import decisions, effects
-from cases.cost.study import Effort
-from cases.effects_choice import EffectSet
-from cases.effects_compare import Outcome, distance, run_field, run_point
-from cases.effects_decision import Decision
-from cases.effects_probe import Paths
-from cases.effects_trial import QUANTITIES, Trial, differences, follow, largest
-from cases.prepare import prepare
-from cases.scene import load
-from constitutive.law import ContactLaw
-from constitutive.parameters import Material
+from granfabric.cases.cost import decisions, effects
+from granfabric.cases.cost.study import Effort
+from granfabric.cases.effects.compare import Outcome, distance, run_field, run_point
+from granfabric.cases.effects.decision import Decision
+from granfabric.cases.effects.probe import Paths
+from granfabric.cases.effects.trial import QUANTITIES, Trial, differences, follow, largest
+from granfabric.cases.field.prepare import prepare
+from granfabric.cases.scene.effects_choice import EffectSet
+from granfabric.cases.scene.reader import load
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Material
 
 POINTS, NODES = 4, 3
 P = 2e5

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from cases import files
-from cases.field_history import COUNTS, MEANS, FieldHistory
-from cases.run import run_field
-from cases.scene import load
-from cases.screen import Screen
-from constitutive.contract import LawDescription, Variable
-from fem.mesh import rectangle
-from fem.space import Space
+from granfabric.cases.commands.run import run_field
+from granfabric.cases.records import files
+from granfabric.cases.records.field_history import COUNTS, MEANS, FieldHistory
+from granfabric.cases.scene.reader import load
+from granfabric.cases.terminal.screen import Screen
+from granfabric.constitutive.contract import LawDescription, Variable
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.mesh.host_mesh import rectangle
 
 LAW = LawDescription(
     "made up",

@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 from mutations import one_sentence
 
-import cases
-from cases import files
-from cases.errors import MOST_LINES, InputError
-from cases.keys import label, split
-from cases.scene import check, load
-from cases.text_file import decoded
+import granfabric.cases as cases
+from granfabric.cases.errors import MOST_LINES, InputError
+from granfabric.cases.records import files
+from granfabric.cases.scene.keys import label, split
+from granfabric.cases.scene.reader import check, load
+from granfabric.cases.scene.text_file import decoded
 
 POINT = """title = "a point, größer"
 kind = "point"
@@ -107,7 +107,7 @@ def test_a_stopped_field_run_goes_on_from_marked_texts(
 ) -> None:
     (tmp_path / "own.toml").write_text(FIELD)
     out = tmp_path / "out"
-    from cases.interruption import StopWish
+    from granfabric.cases.terminal.interruption import StopWish
 
     with monkeypatch.context() as patch:
         patch.setattr(StopWish, "__call__", lambda self: (out / "result_0001.vtu").is_file())
@@ -301,7 +301,7 @@ def test_a_mesh_by_set_is_read_from_the_working_folder(granfabric: Callable, els
     assert result.code == 2 and f"{elsewhere / 'here' / 'mine.msh'}" in result.err
     shutil.copy(elsewhere / "scene" / "biaxial.msh", "mine.msh")
     loaded = load("biaxial", ["mesh.file=mine.msh"])
-    from cases.prepare import read_or_make_mesh
+    from granfabric.cases.field.prepare import read_or_make_mesh
 
     assert read_or_make_mesh(loaded).boundaries
 

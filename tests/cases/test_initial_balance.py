@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from cases.catalogue import shipped
-from cases.initial_balance import Balance, percent, pulling
-from cases.prepare import prepare
-from cases.scene import load
-from cases.screen import Screen
+from granfabric.cases.field.initial_balance import Balance, percent, pulling
+from granfabric.cases.field.prepare import prepare
+from granfabric.cases.scene.catalogue import shipped
+from granfabric.cases.scene.reader import load
+from granfabric.cases.terminal.screen import Screen
 
 COLUMN = """
 [material]
@@ -206,7 +206,7 @@ def test_a_resumed_run_keeps_what_was_said(
     with monkeypatch.context() as patch:
         from contextlib import contextmanager
 
-        from cases.interruption import StopWish
+        from granfabric.cases.terminal.interruption import StopWish
 
         patch.setattr(StopWish, "__call__", lambda self: self.wished)
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from msh_files import GROUPS, expected, write_msh
 
-from cases.plots_mesh import shown_groups, side_lines
-from fem.mesh import MeshError, TopologyError, read_mesh, rectangle
-from fem.mesh_summary import groups
+from granfabric.cases.pictures.mesh import shown_groups, side_lines
+from granfabric.fem.mesh.host_mesh import MeshError, TopologyError, read_mesh, rectangle
+from granfabric.fem.mesh.summary import groups
 
 MESHES = Path(__file__).parent.parent / "fem" / "meshes"
 
@@ -268,7 +268,7 @@ def test_names_of_groups_on_one_line_keep_apart(tmp_path: Path) -> None:
 
 
 def test_curved_sides_are_drawn_as_curves() -> None:
-    from fem.mesh_shapes import quarter_ring
+    from granfabric.fem.mesh.shapes import quarter_ring
 
     host = quarter_ring(1.0, 2.0, 2, 3, "quad")
     lines = side_lines(host, host.boundaries["inner"])

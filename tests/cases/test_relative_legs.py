@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases import files
-from cases.point_path import legs_of
-from cases.scene import load
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.parameters import Material, ParameterError
-from constitutive.path import Leg, drive
+from granfabric.cases.records import files
+from granfabric.cases.scene.point_path import legs_of
+from granfabric.cases.scene.reader import load
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Material, ParameterError
+from granfabric.constitutive.path import Leg, drive
 
 QUIET = ("--set", "output.pictures=false")
 STRAIN, STRESS = ("strain",) * 3, ("stress",) * 3

@@ -18,10 +18,11 @@ import pytest
 from mutations import one_sentence
 from test_files_and_words import FIELD, POINT
 
-from cases import convergence, files, lock, run
-from cases.errors import InputError
-from cases.owner import Owner, is_another
-from cases.screen import Screen
+from granfabric.cases.commands import convergence, run
+from granfabric.cases.errors import InputError
+from granfabric.cases.records import files, lock
+from granfabric.cases.scene.owner import Owner, is_another
+from granfabric.cases.terminal.screen import Screen
 
 OTHER = POINT.replace("a point", "another point")
 
@@ -240,7 +241,7 @@ def test_nothing_of_a_run_stays_when_its_folder_is_used_again(
 HOLDING = """
 import sys, time
 from pathlib import Path
-from cases import lock
+from granfabric.cases import lock
 with lock.held(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)
@@ -412,7 +413,7 @@ def test_a_resumed_run_goes_on_with_its_log(
     granfabric: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file, out = write(tmp_path, "field.toml", FIELD), tmp_path / "out"
-    from cases.interruption import StopWish
+    from granfabric.cases.terminal.interruption import StopWish
 
     with monkeypatch.context() as patch:
         patch.setattr(StopWish, "__call__", lambda self: (out / "result_0001.vtu").is_file())
@@ -453,7 +454,7 @@ def test_completion_of_the_shell(
     }
     home = str(Path(lock.__file__).parent.parent)
     program = f"import sys; sys.path.insert(0, {home!r}); sys.argv[0] = 'granfabric'\n"
-    program += "from cases.cli import main; main()"
+    program += "from granfabric.cases.commands.cli import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False, env=environment, cwd=tmp_path
     )
@@ -478,9 +479,9 @@ class SlowKernels:
 
 def test_the_time_in_all_holds_its_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also of a first run, in which compiling takes most of it."""
-    from cases.scene import load
+    from granfabric.cases.scene.reader import load
 
-    monkeypatch.setattr("constitutive.warm_up.compile_late", lambda go_on: [])
+    monkeypatch.setattr("granfabric.constitutive.warm_up.compile_late", lambda go_on: [])
     file = write(tmp_path, "field.toml", FIELD)
     record = run.run_field(load(str(file)), tmp_path / "out", Screen(quiet=True), kernels=SlowKernels())  # type: ignore[arg-type]
     timing = json.loads((tmp_path / "out" / "run.json").read_text())["timing"]
@@ -493,7 +494,7 @@ def test_the_time_in_all_holds_its_parts(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_phases_leave_compiling_out() -> None:
     """The clock of a run stands still while kernels are compiled, so that they do not count twice."""
-    from fem.accounting import Accounting
+    from granfabric.fem.accounting import Accounting
 
     now = [0.0]
     accounting = Accounting(clock=lambda: now[0])

@@ -16,8 +16,8 @@ from drawn import curves
 from matplotlib.figure import Figure
 from mutations import one_sentence
 
-from cases import files, series
-from cases.screen import Screen
+from granfabric.cases.records import files, series
+from granfabric.cases.terminal.screen import Screen
 
 SMOOTH = """
 title = "Smooth biaxial compression"

@@ -13,33 +13,27 @@ import meshio
 import numpy as np
 import pytest
 
-from cases import (
-    accuracy_report,
-    catalogue,
-    closed_forms,
-    comparison,
-    convergence,
-    dem,
-    effects_audit,
-    effects_report,
-    files,
-    measured,
-    mesh_judgement,
-)
-from cases.convergence import Level
-from cases.effects_audit import Audit, Neglected
-from cases.effects_choice import EffectSet
-from cases.effects_decision import Decision, Judged
-from cases.effects_numbers import Numbers
-from cases.material_file import material_text, refusal
-from cases.measured import Inputs, as_data
-from cases.schema_closed_form import ClosedForm, HoleInPlate
-from cases.screen import Screen, spread
-from constitutive.effects import Effects
-from constitutive.parameters import CLOSURE_NUMBERS
-from dem_ref.path import Segment
-from dem_ref.uncertainty import Measured
-from fem.mesh_error import stress_error
+from granfabric.cases.commands import accuracy_report, convergence, dem
+from granfabric.cases.commands.convergence import Level
+from granfabric.cases.effects import audit as effects_audit
+from granfabric.cases.effects import report as effects_report
+from granfabric.cases.effects.audit import Audit, Neglected
+from granfabric.cases.effects.decision import Decision, Judged
+from granfabric.cases.effects.numbers import Numbers
+from granfabric.cases.field import closed_forms, comparison
+from granfabric.cases.field import mesh_error_estimate as mesh_judgement
+from granfabric.cases.records import files
+from granfabric.cases.scene import catalogue, measured
+from granfabric.cases.scene.effects_choice import EffectSet
+from granfabric.cases.scene.material_file import material_text, refusal
+from granfabric.cases.scene.measured import Inputs, as_data
+from granfabric.cases.scene.schema_closed_form import ClosedForm, HoleInPlate
+from granfabric.cases.terminal.screen import Screen, spread
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.parameters import CLOSURE_NUMBERS
+from granfabric.dem_ref.loading.path import Segment
+from granfabric.dem_ref.measures.uncertainty import Measured
+from granfabric.fem.discretisation.mesh_error import stress_error
 
 
 def history(folder: Path) -> dict[str, np.ndarray]:

@@ -8,14 +8,29 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cases import verify, verify_cost, verify_evaluate, verify_model, verify_probes, verify_text
-from cases.cost import closures as cost_closures
-from cases.measured import Inputs, mean_of
-from cases.screen import Screen
-from cases.verify_closures import CLOSURE_COLUMNS, PROBE_COLUMNS, closure_rows, probe_rows
-from cases.verify_dem import LOADINGS, STRESS_RATIO, loading_options
-from cases.verify_model import SOURCE, SOURCE_CLOSED, closures, follow, targets
-from cases.verify_paths import (
+from granfabric.cases.commands import verify
+from granfabric.cases.cost import closures as cost_closures
+from granfabric.cases.scene.measured import Inputs, mean_of
+from granfabric.cases.terminal.screen import Screen
+from granfabric.cases.verify import (
+    cost as verify_cost,
+)
+from granfabric.cases.verify import (
+    evaluate as verify_evaluate,
+)
+from granfabric.cases.verify import (
+    model_side as verify_model,
+)
+from granfabric.cases.verify import (
+    probes as verify_probes,
+)
+from granfabric.cases.verify import (
+    text as verify_text,
+)
+from granfabric.cases.verify.closures import CLOSURE_COLUMNS, PROBE_COLUMNS, closure_rows, probe_rows
+from granfabric.cases.verify.dem_side import LOADINGS, STRESS_RATIO, loading_options
+from granfabric.cases.verify.model_side import SOURCE, SOURCE_CLOSED, closures, follow, targets
+from granfabric.cases.verify.paths import (
     AMPLITUDE,
     PATH_COLUMNS,
     PATHS,
@@ -27,12 +42,12 @@ from cases.verify_paths import (
     positions,
     sampled,
 )
-from cases.verify_study import Study
-from cases.verify_table import QUANTITIES, TABLE_LEVELS, Comparison
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure
-from constitutive.path import Leg, drive
-from dem_ref.biaxial import HISTORY_COLUMNS
+from granfabric.cases.verify.study import Study
+from granfabric.cases.verify.table import QUANTITIES, TABLE_LEVELS, Comparison
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure
+from granfabric.constitutive.path import Leg, drive
+from granfabric.dem_ref.loading.run import HISTORY_COLUMNS
 
 P = 1e5
 INPUTS = {
@@ -270,7 +285,7 @@ def test_rows_of_a_path_are_model_minus_dem() -> None:
     dem = [{name: np.full(22, value) for name in ("a",)} for value in (1.0, 3.0)]
     model = [{name: np.full(22, value) for name in ("a",)} for value in (1.5, 2.5)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cases.verify_paths.QUANTITIES", ("a",))
+        patch.setattr("granfabric.cases.verify.paths.QUANTITIES", ("a",))
         rows = compare_path("cycles", "some", dem, model, segments, np.arange(22.0), -np.arange(22.0))
     assert [(row.segment, row.share) for row in rows] == [(1, 0.5), (1, 1.0), (2, 0.5), (2, 1.0)]
     assert [row.stress_ratio for row in rows] == [5.0, 10.0, 16.0, 21.0]

@@ -19,10 +19,10 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from constitutive import threads
-from constitutive.law import ContactLaw
-from constitutive.parameters import Material
-from constitutive.von_mises import VonMisesLaw, VonMisesMaterial
+from granfabric.constitutive import threads
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Material
+from granfabric.constitutive.plain_laws.von_mises import VonMisesLaw, VonMisesMaterial
 
 POINTS = 3 * threads.FEWEST_POINTS
 METHODS = [m for m in ("fork", "forkserver", "spawn") if m in multiprocessing.get_all_start_methods()]
@@ -59,12 +59,12 @@ def work(k):
 
 def host(_):
     """Assembly and files of the host, and the motion of grains in two threads."""
-    from dem_ref.motion import Control, Motion
-    from dem_ref.sample import new_sample
-    from fem.assembly import FEWEST_ELEMENTS, ForceAssembler, TangentAssembler
-    from fem.mesh import rectangle
-    from fem.space import Space
-    from fem.vtu import GridWriter
+    from granfabric.dem_ref.dynamics.motion import Control, Motion
+    from granfabric.dem_ref.sample.disks import new_sample
+    from granfabric.fem.discretisation.assembly import FEWEST_ELEMENTS, ForceAssembler, TangentAssembler
+    from granfabric.fem.discretisation.space import Space
+    from granfabric.fem.mesh.host_mesh import rectangle
+    from granfabric.fem.output.vtu import GridWriter
 
     n = int(np.sqrt(2 * FEWEST_ELEMENTS / 2)) + 2
     space = Space(rectangle(1.0, 1.0, n, n), "P1")
@@ -114,7 +114,7 @@ def with_joblib():
 
 def from_map(law, strain, stress, state):
     """An update of arrays that may be read-only maps."""
-    from constitutive.integrate import update_points
+    from granfabric.constitutive.integration.points import update_points
 
     ends = np.empty(stress.shape), np.empty(state.shape), np.empty((len(stress), 3, 3))
     law.update(strain, stress, state, *ends)
@@ -236,7 +236,7 @@ def interrupted():
 
 def cold():
     """A first use, its result and how many kernels were not in the cache."""
-    from constitutive import von_mises
+    from granfabric.constitutive.plain_laws import von_mises
 
     law = laws()[1]
     a = arrays(law, 3)

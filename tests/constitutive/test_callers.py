@@ -7,14 +7,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from constitutive.arrays import ArrayError, keep_apart
-from constitutive.contract import Status
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.linear_elastic import ElasticMaterial, LinearElasticLaw
-from constitutive.parameters import Closure, Integration, Material, ParameterError
-from constitutive.path import Leg, drive
-from constitutive.von_mises import VonMisesLaw, VonMisesMaterial
+from granfabric.constitutive.arrays import ArrayError, keep_apart
+from granfabric.constitutive.contract import Status
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Integration, Material, ParameterError
+from granfabric.constitutive.path import Leg, drive
+from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
+from granfabric.constitutive.plain_laws.von_mises import VonMisesLaw, VonMisesMaterial
 
 PACKING = {"solid_fraction": 0.846, "normal_stiffness": 1e9}
 TWO = ContactLaw([Material(coordination=4.06, **PACKING), Material(coordination=3.6, **PACKING)])
@@ -237,7 +237,7 @@ def test_choices_of_another_class(name):
 
 def test_numbers_of_another_kind_do_not_compile_again():
     """Whole numbers where kernels expect floating ones: the closure's went into one as they were."""
-    from constitutive.force_fabric import initial_force_fabric
+    from granfabric.constitutive.network.force_fabric import initial_force_fabric
 
     for numbers in ({}, {"tangential_force_ratio": 1, "slip": 1}, {"slip": np.float32(1.0)}):
         ContactLaw(TWO.materials, Closure(force_change="shifted_distribution", **numbers)).initial_state([ISOTROPIC])

@@ -18,13 +18,15 @@ from wrong_arrays import (
     SAME,
 )
 
-from constitutive import force_fabric, integrate, linear_elastic, von_mises
-from constitutive.contract import Status
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.linear_elastic import ElasticMaterial, LinearElasticLaw
-from constitutive.parameters import Closure, Integration, Material
-from constitutive.von_mises import VonMisesLaw, VonMisesMaterial
+from granfabric.constitutive.contract import Status
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.integration import points as integrate
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.network import force_fabric
+from granfabric.constitutive.parameters import Closure, Integration, Material
+from granfabric.constitutive.plain_laws import linear_elastic, von_mises
+from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
+from granfabric.constitutive.plain_laws.von_mises import VonMisesLaw, VonMisesMaterial
 
 FEW = settings(max_examples=150, deadline=None, database=None, derandomize=True)
 PACKINGS = [

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from contact_law_cases import PRESSURE, Points, law, material
 
-from constitutive.contact_change import LARGEST_FORCE_ANISOTROPY
-from constitutive.contract import STATUS_TEXT, Status, UpdateReport
-from constitutive.effects import Effects
-from constitutive.parameters import Closure
-from constitutive.path import Leg, drive
+from granfabric.constitutive.contract import STATUS_TEXT, Status, UpdateReport
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.network.contact_change import LARGEST_FORCE_ANISOTROPY
+from granfabric.constitutive.parameters import Closure
+from granfabric.constitutive.path import Leg, drive
 
 ISOTROPIC = (-PRESSURE, -PRESSURE, 0.0)
 SMALL = np.array([1e-8, -1e-8, 0.5e-8])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from contact_law_cases import PRESSURE, Points, law, material
 
-from constitutive.effects import Effects
-from constitutive.parameters import Closure
-from constitutive.path import POINT_COLUMNS, SLIDING_COLUMNS, Leg, drive
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.parameters import Closure
+from granfabric.constitutive.path import POINT_COLUMNS, SLIDING_COLUMNS, Leg, drive
 
 START = (-0.9e5, -1.1e5, 0.1e5)
 ENDS = [(-0.8e5, -1.25e5, 0.15e5), (-0.95e5, -1.15e5, -0.06e5), (-1.3e5, -1.5e5, 0.05e5), (-0.9e5, -1.0e5, 0.0)]

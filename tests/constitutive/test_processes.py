@@ -13,7 +13,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from constitutive.threads import run_in_threads
+from granfabric.constitutive.threads import run_in_threads
 
 HERE = Path(__file__).resolve().parent
 HOME = HERE.parent.parent

@@ -16,15 +16,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wrong_arrays import COPIED, OUTPUT_REFUSED, REFUSED, SAME
 
-from dem_ref import neighbours, relaxation, stepping
-from dem_ref.arrays import SampleError
-from dem_ref.ensemble import for_seeds
-from dem_ref.motion import Control, Motion, UnstableMotionError
-from dem_ref.neighbours import NearPairs, find_near_pairs
-from dem_ref.packing import PackingOptions, make_packing
-from dem_ref.relaxation import relax
-from dem_ref.sample import Sample, new_sample
-from dem_ref.servo import RateLimits
+from granfabric.dem_ref.arrays import SampleError
+from granfabric.dem_ref.dynamics import relaxation, stepping
+from granfabric.dem_ref.dynamics.motion import Control, Motion, UnstableMotionError
+from granfabric.dem_ref.dynamics.packing import PackingOptions, make_packing
+from granfabric.dem_ref.dynamics.relaxation import relax
+from granfabric.dem_ref.ensemble import for_seeds
+from granfabric.dem_ref.loading.servo import RateLimits
+from granfabric.dem_ref.sample import neighbours
+from granfabric.dem_ref.sample.disks import Sample, new_sample
+from granfabric.dem_ref.sample.neighbours import NearPairs, find_near_pairs
 
 FEW = settings(max_examples=150, deadline=None, database=None, derandomize=True)
 KERNELS = (

@@ -7,19 +7,19 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from dem_ref import leg_state
-from dem_ref.biaxial import HISTORY_COLUMNS, DemRun, RunOptions
-from dem_ref.endings import Ending, ending_text
-from dem_ref.leg_state import LEG_NUMBERS, LegState
-from dem_ref.legs import mixed_leg, stress_leg
-from dem_ref.measure import contacts_of, love_weber_stress, unbalanced_force
-from dem_ref.motion import Motion
-from dem_ref.packing import PackingOptions, make_packing
-from dem_ref.path import Segment
-from dem_ref.probes import ProbeError, at_rest, is_at_rest, stress_probe
-from dem_ref.sample import Sample, SampleError
-from dem_ref.servo import SLOWEST_PACE, Loading, RateLimits, mean_pressure
-from dem_ref.weak_contacts import measure_slip
+from granfabric.dem_ref.dynamics.motion import Motion
+from granfabric.dem_ref.dynamics.packing import PackingOptions, make_packing
+from granfabric.dem_ref.inputs.probes import ProbeError, at_rest, is_at_rest, stress_probe
+from granfabric.dem_ref.inputs.weak_contacts import measure_slip
+from granfabric.dem_ref.loading import leg_state
+from granfabric.dem_ref.loading.endings import Ending, ending_text
+from granfabric.dem_ref.loading.leg_state import LEG_NUMBERS, LegState
+from granfabric.dem_ref.loading.legs import mixed_leg, stress_leg
+from granfabric.dem_ref.loading.path import Segment
+from granfabric.dem_ref.loading.run import HISTORY_COLUMNS, DemRun, RunOptions
+from granfabric.dem_ref.loading.servo import SLOWEST_PACE, Loading, RateLimits, mean_pressure
+from granfabric.dem_ref.measures.contacts import contacts_of, love_weber_stress, unbalanced_force
+from granfabric.dem_ref.sample.disks import Sample, SampleError
 
 P = 1e5
 FAST = RateLimits(1e-3, 1e-2)

@@ -15,20 +15,44 @@ from dem_samples import contact_list, triangular_lattice, two_disks
 from test_dem_sliding import MEASURED as INPUTS
 from test_dem_sliding import REFERENCE, history
 
-from dem_ref import material, probes, weak_contacts
-from dem_ref.biaxial import DemRun, RunOptions, at_stress_ratios
-from dem_ref.distribution import edge_density, force_distribution
-from dem_ref.events import directional_change, network_change
-from dem_ref.fields import contact_fields, particle_fields
-from dem_ref.legs import stress_invariants
-from dem_ref.material import (
+from granfabric.dem_ref.inputs import material, probes, weak_contacts
+from granfabric.dem_ref.inputs.material import (
     isostatic_coordination,
     mean_overlap,
     measure_fabric,
     measure_material,
     measure_material_with_errors,
 )
-from dem_ref.measure import (
+from granfabric.dem_ref.inputs.probes import (
+    Probe,
+    ProbeError,
+    elastic_moduli,
+    elastic_probes,
+    stress_probe,
+    uniform_strain_moduli,
+)
+from granfabric.dem_ref.inputs.sliding import (
+    Hardening,
+    PlasticPart,
+    fit_dilatancy,
+    fit_hardening,
+    measure_sliding,
+    peak_stress_ratio,
+    plastic_part,
+    sliding_errors,
+)
+from granfabric.dem_ref.inputs.weak_contacts import (
+    SlipLoop,
+    WeakContacts,
+    measure_slip,
+    measure_slip_with_errors,
+    measure_weak_contacts,
+    weak_contact_errors,
+)
+from granfabric.dem_ref.loading.legs import stress_invariants
+from granfabric.dem_ref.loading.path import biaxial_test
+from granfabric.dem_ref.loading.run import DemRun, RunOptions, at_stress_ratios
+from granfabric.dem_ref.measures.contacts import (
     Contacts,
     bearing_particles,
     contacts_of,
@@ -40,29 +64,12 @@ from dem_ref.measure import (
     sliding_fraction,
     unbalanced_force,
 )
-from dem_ref.path import biaxial_test
-from dem_ref.probes import Probe, ProbeError, elastic_moduli, elastic_probes, stress_probe, uniform_strain_moduli
-from dem_ref.sample import Sample, new_sample
-from dem_ref.sliding import (
-    Hardening,
-    PlasticPart,
-    fit_dilatancy,
-    fit_hardening,
-    measure_sliding,
-    peak_stress_ratio,
-    plastic_part,
-    sliding_errors,
-)
-from dem_ref.tessellation import gap_distribution, radical_neighbours
-from dem_ref.uncertainty import Measured
-from dem_ref.weak_contacts import (
-    SlipLoop,
-    WeakContacts,
-    measure_slip,
-    measure_slip_with_errors,
-    measure_weak_contacts,
-    weak_contact_errors,
-)
+from granfabric.dem_ref.measures.distribution import edge_density, force_distribution
+from granfabric.dem_ref.measures.events import directional_change, network_change
+from granfabric.dem_ref.measures.fields import contact_fields, particle_fields
+from granfabric.dem_ref.measures.tessellation import gap_distribution, radical_neighbours
+from granfabric.dem_ref.measures.uncertainty import Measured
+from granfabric.dem_ref.sample.disks import Sample, new_sample
 
 P = 1e5
 

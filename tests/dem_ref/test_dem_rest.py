@@ -5,16 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dem_ref.ensemble import stored_packing
-from dem_ref.legs import invariant_leg
-from dem_ref.material import measure_material
-from dem_ref.measure import unbalanced_force
-from dem_ref.motion import Motion
-from dem_ref.packing import make_packing
-from dem_ref.probes import AT_REST, at_rest, elastic_moduli, elastic_probes, is_at_rest, shear_modulus, stress_probe
-from dem_ref.sample import Sample, SampleError, save_sample
-from dem_ref.servo import Loading, RateLimits
-from dem_ref.weak_contacts import measure_slip, measure_weak_contacts
+from granfabric.dem_ref.dynamics.motion import Motion
+from granfabric.dem_ref.dynamics.packing import make_packing
+from granfabric.dem_ref.ensemble import stored_packing
+from granfabric.dem_ref.inputs.material import measure_material
+from granfabric.dem_ref.inputs.probes import (
+    AT_REST,
+    at_rest,
+    elastic_moduli,
+    elastic_probes,
+    is_at_rest,
+    shear_modulus,
+    stress_probe,
+)
+from granfabric.dem_ref.inputs.weak_contacts import measure_slip, measure_weak_contacts
+from granfabric.dem_ref.loading.legs import invariant_leg
+from granfabric.dem_ref.loading.servo import Loading, RateLimits
+from granfabric.dem_ref.measures.contacts import unbalanced_force
+from granfabric.dem_ref.sample.disks import Sample, SampleError, save_sample
 
 
 def shaken(sample: Sample, size: float) -> Sample:

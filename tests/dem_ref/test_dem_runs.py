@@ -5,20 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dem_ref.biaxial import HISTORY_COLUMNS, DemRun, RunOptions, at_stress_ratios
-from dem_ref.events import directional_change, match_contacts
-from dem_ref.material import CLOSURE_KEYS, MATERIAL_KEYS, measure_material
-from dem_ref.measure import (
-    bearing_particles,
-    contacts_of,
-    coordination_number,
-    fabric_anisotropy,
-    force_harmonics,
-    love_weber_stress,
-)
-from dem_ref.packing import make_packing
-from dem_ref.path import Segment, biaxial_test, loading_cycles, principal_rotation
-from dem_ref.probes import (
+from granfabric.dem_ref.dynamics.packing import make_packing
+from granfabric.dem_ref.inputs.material import CLOSURE_KEYS, MATERIAL_KEYS, measure_material
+from granfabric.dem_ref.inputs.probes import (
     ELASTIC_LIMITS,
     elastic_moduli,
     elastic_probes,
@@ -26,10 +15,21 @@ from dem_ref.probes import (
     shear_modulus,
     stress_probe,
 )
-from dem_ref.sample import Sample, SampleError
-from dem_ref.servo import RateLimits
-from dem_ref.tessellation import radical_neighbours
-from dem_ref.weak_contacts import measure_slip, measure_weak_contacts
+from granfabric.dem_ref.inputs.weak_contacts import measure_slip, measure_weak_contacts
+from granfabric.dem_ref.loading.path import Segment, biaxial_test, loading_cycles, principal_rotation
+from granfabric.dem_ref.loading.run import HISTORY_COLUMNS, DemRun, RunOptions, at_stress_ratios
+from granfabric.dem_ref.loading.servo import RateLimits
+from granfabric.dem_ref.measures.contacts import (
+    bearing_particles,
+    contacts_of,
+    coordination_number,
+    fabric_anisotropy,
+    force_harmonics,
+    love_weber_stress,
+)
+from granfabric.dem_ref.measures.events import directional_change, match_contacts
+from granfabric.dem_ref.measures.tessellation import radical_neighbours
+from granfabric.dem_ref.sample.disks import Sample, SampleError
 
 P = 1e5
 

@@ -8,19 +8,25 @@ import numpy as np
 import pytest
 from dem_samples import triangular_lattice
 
-from dem_ref.distribution import edge_density, edge_value_error
-from dem_ref.material import CLOSURE_KEYS, MATERIAL_KEYS, measure_fabric, measure_material, measure_material_with_errors
-from dem_ref.measure import contacts_of
-from dem_ref.packing import make_packing
-from dem_ref.probes import moduli_errors
-from dem_ref.tessellation import (
+from granfabric.dem_ref.dynamics.packing import make_packing
+from granfabric.dem_ref.inputs.material import (
+    CLOSURE_KEYS,
+    MATERIAL_KEYS,
+    measure_fabric,
+    measure_material,
+    measure_material_with_errors,
+)
+from granfabric.dem_ref.inputs.probes import moduli_errors
+from granfabric.dem_ref.measures.contacts import contacts_of
+from granfabric.dem_ref.measures.distribution import edge_density, edge_value_error
+from granfabric.dem_ref.measures.tessellation import (
     _triangulation,
     gap_density_error,
     gap_distribution,
     radical_neighbours,
     solid_fraction_error,
 )
-from dem_ref.uncertainty import BLOCKS, blocks_of, blocks_of_contacts, jackknife
+from granfabric.dem_ref.measures.uncertainty import BLOCKS, blocks_of, blocks_of_contacts, jackknife
 
 CHOSEN = ("normal_stiffness", "stiffness_ratio", "neighbours")
 NUMBER = 8

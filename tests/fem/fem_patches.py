@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from fem_meshes import cell_of
 
-from fem.mesh import HostMesh, build_mesh, rectangle
-from fem.space import Space
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.mesh.host_mesh import HostMesh, build_mesh, rectangle
 
 
 def graded(element: str, n: int = 5, growth: float = 1.35) -> HostMesh:

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from test_msh_groups import sizes
 
-from fem.mesh import MeshError, TopologyError, read_mesh
-from fem.mesh_summary import remarks
+from granfabric.fem.mesh.host_mesh import MeshError, TopologyError, read_mesh
+from granfabric.fem.mesh.summary import remarks
 
 MESHES = Path(__file__).parent / "meshes"
 PLAIN = ({"bottom": 2.0, "right": 1.0, "top": 2.0, "left": 1.0}, {"lower": 1.2, "upper": 0.8})

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wrong_arrays import COPIED, INDEX_COPIED, INDEX_REFUSED, OUTPUT_REFUSED, OUTPUT_TAKEN, REFUSED, SAME
 
-from fem import kernels
-from fem.accounting import Accounting
-from fem.assembly import ForceAssembler, TangentAssembler
-from fem.loads import LoadError, Stage
-from fem.problem import Problem
-from fem.quadrature_material import QuadratureMaterial
-from fem.space import Space
+from granfabric.fem.accounting import Accounting
+from granfabric.fem.discretisation import kernels
+from granfabric.fem.discretisation.assembly import ForceAssembler, TangentAssembler
+from granfabric.fem.discretisation.quadrature_material import QuadratureMaterial
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.loads.kinds import LoadError, Stage
+from granfabric.fem.loads.problem import Problem
 
 FEW = settings(max_examples=100, deadline=None, database=None, derandomize=True)
 SPACE = Space(distorted("P2", 2), "P2")

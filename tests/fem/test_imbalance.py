@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from constitutive.linear_elastic import ElasticMaterial, LinearElasticLaw
-from fem.imbalance import InitialImbalance, initial_imbalance
-from fem.loads import BodyForce, Displacement, Fixed, FixedPoint, Pressure, Stage
-from fem.mesh import rectangle
-from fem.mesh_shapes import plate_with_hole, quarter_ring
-from fem.problem import Problem
-from fem.space import Space
+from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.imbalance import InitialImbalance, initial_imbalance
+from granfabric.fem.loads.kinds import BodyForce, Displacement, Fixed, FixedPoint, Pressure, Stage
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.mesh.host_mesh import rectangle
+from granfabric.fem.mesh.shapes import plate_with_hole, quarter_ring
 
 P = 100e3
 WEIGHT = 17e3

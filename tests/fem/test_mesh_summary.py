@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem.mesh import rectangle
-from fem.mesh_shapes import mapped_grid, quarter_ring
-from fem.mesh_summary import cell_areas, groups, side_lengths
-from fem.space import Space
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.mesh.host_mesh import rectangle
+from granfabric.fem.mesh.shapes import mapped_grid, quarter_ring
+from granfabric.fem.mesh.summary import cell_areas, groups, side_lengths
 
 
 @pytest.mark.parametrize("cell", ["triangle", "quad"])

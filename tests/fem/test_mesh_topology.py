@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fem.mesh import HostMesh, MeshError, TopologyError, build_mesh, rectangle
-from fem.mesh_topology import parts_of, twin_sides
-from fem.near_boxes import overlapping_boxes
+from granfabric.fem.mesh.host_mesh import HostMesh, MeshError, TopologyError, build_mesh, rectangle
+from granfabric.fem.mesh.near_boxes import overlapping_boxes
+from granfabric.fem.mesh.topology import parts_of, twin_sides
 
 SIZES = (1.0, 1e-3, 1e4)
 
@@ -288,7 +288,7 @@ def test_overlapping_boxes_against_all_pairs(seed, n, m, spread):
 @pytest.mark.parametrize("cell", ["triangle", "quad"])
 def test_the_work_grows_with_the_number_of_cells(cell, monkeypatch):
     """Candidates looked at, counted: four times the cells, at most some four times the pairs."""
-    import fem.mesh_topology as topology
+    import granfabric.fem.mesh.topology as topology
 
     counted = []
     original = topology.overlapping_boxes

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msh_files import GROUPS, Model, expected, msh_bytes, write_msh
 
-from fem.mesh import HostMesh, MeshError, read_mesh
-from fem.mesh_summary import groups, remarks
+from granfabric.fem.mesh.host_mesh import HostMesh, MeshError, read_mesh
+from granfabric.fem.mesh.summary import groups, remarks
 
 NEW = ("4.0", "4.1")
 FORMS = [("1", False), ("2.2", False), ("2.2", True), ("4.0", False), ("4.0", True), ("4.1", False), ("4.1", True)]

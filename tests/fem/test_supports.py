@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from fem_meshes import ELASTIC
 
-from fem.loads import Fixed, FixedPoint, LoadError, Pressure, Stage
-from fem.mesh import build_mesh, rectangle
-from fem.problem import Problem
-from fem.space import Space
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.loads.kinds import Fixed, FixedPoint, LoadError, Pressure, Stage
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.mesh.host_mesh import build_mesh, rectangle
 
 
 @pytest.fixture(scope="module")
