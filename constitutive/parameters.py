@@ -316,6 +316,15 @@ class Closure:
         return self.tangential
 
 
+INTEGRATION_NUMBERS: dict[str, tuple[float, float]] = {
+    "tolerance": (1e-14, 1.0),
+    "substeps": (0, 10_000_000),
+    "maximum_substeps": (1, 100_000_000),
+    "directions": (4, 512),
+}
+"""Numbers of the integration, each with the smallest and the largest that is legal."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Integration:
     """Numerics of the update at a point.
@@ -349,13 +358,11 @@ class Integration:
     def __post_init__(self) -> None:
         _check_choice("integration", "integrator", self.integrator, get_args(Integrator))
         _check_choice("integration", "arc_integration", self.arc_integration, get_args(ArcIntegration))
-        if not is_within(self.tolerance, 1e-14, 1.0):
-            raise ParameterError(f"integration.tolerance = {self.tolerance!r} is not a number in [1e-14, 1]")
-        for name, least, most in (
-            ("substeps", 0, 10_000_000),
-            ("maximum_substeps", 1, 100_000_000),
-            ("directions", 4, 512),
-        ):
+        least, most = INTEGRATION_NUMBERS["tolerance"]
+        if not is_within(self.tolerance, least, most):
+            raise ParameterError(f"integration.tolerance = {self.tolerance!r} is not a number in [{least:g}, {most:g}]")
+        for name in ("substeps", "maximum_substeps", "directions"):
+            least, most = INTEGRATION_NUMBERS[name]
             value = getattr(self, name)
             if not is_integer(value) or not least <= value <= most:
                 raise ParameterError(f"integration.{name} = {value!r} is not an integer in [{least}, {most}]")

@@ -13,7 +13,7 @@ from pydantic import Field, TypeAdapter, model_validator
 
 from granfabric.constitutive.parameters import Material
 
-from .accuracy import Accuracy
+from .accuracy import COARSEST, FINEST, Accuracy
 from .schema_base import Control, Increments, Scene, Section, Triple
 from .schema_closed_form import ClosedForm
 from .schema_dem import DemScene
@@ -50,7 +50,7 @@ class PathLeg(Section):
         default=False, description="target counts from stress and strain at the start of the leg, not from zero"
     )
     rotation_degrees: Annotated[float, Field(ge=-36_000, le=36_000)] | None = Field(
-        default=None, description="turn of the principal stress axes over the leg, anticlockwise"
+        default=None, description="rotation of the principal stress axes over the leg, anticlockwise [degrees]"
     )
     increments: Increments = Field(default=20, description="equal increments of the leg")
 
@@ -94,7 +94,8 @@ class LawScene(Scene):
         "name",
     )
     accuracy: Accuracy | None = Field(
-        default=None, description="chooses integrator, tolerances and directions where the scene leaves them open"
+        default=None, description="error to aim at [-]: chooses integrator, tolerances and directions where the scene leaves them open",
+        json_schema_extra={"minimum": FINEST, "maximum": COARSEST},
     )
     closure: ClosureSection = Field(default=ClosureSection(), description="how the change of forces is closed")
     effects: EffectsSection = Field(default=EffectsSection(), description="mechanisms: true, false or auto")

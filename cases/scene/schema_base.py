@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import re
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -16,10 +17,23 @@ Increments = Annotated[int, Field(ge=1, le=10_000_000)]
 Text = Annotated[str, Field(max_length=20_000)]
 
 
+UNIT = re.compile(r"\[(-|degrees|m|Pa|Pa/m|N/m3|s|Pa or -)\]")
+"""A unit within the description of a key, where it is written once; every key that takes a real number has one."""
+
+
+def _tell_units(schema: dict[str, Any], model: type[BaseModel]) -> None:
+    """Give each key of a table in the JSON schema its unit as an entry of its own, for the reference and for editors."""
+    for entry in schema.get("properties", {}).values():
+        if found := UNIT.search(entry.get("description", "")):
+            entry["unit"] = found.group(1)
+
+
 class Section(BaseModel):
     """A table of a scene file: unknown keys are errors, values are not converted, numbers are finite."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid", strict=True, frozen=True, allow_inf_nan=False, json_schema_extra=_tell_units
+    )
 
 
 def _printable(text: str) -> str:

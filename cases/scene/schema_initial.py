@@ -73,7 +73,7 @@ class RandomState(Section):
     """Random variation of the initial coordination number about that of the material, from place to place."""
 
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = Field(description="the same seed gives the same specimen")
-    standard_deviation: Annotated[float, Field(ge=0.0, le=2.0)] = Field(description="of the coordination number z")
+    standard_deviation: Annotated[float, Field(ge=0.0, le=2.0)] = Field(description="of the coordination number z [-]")
     correlation_length: Annotated[list[Positive], Field(min_length=2, max_length=2)] = Field(
         description="along x and y [m]"
     )

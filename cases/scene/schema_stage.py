@@ -90,18 +90,18 @@ class Solver(Section):
         default="auto", description="direct solver; auto takes the fastest that is installed"
     )
     tolerance: Annotated[float, Field(ge=1e-15, le=1e-1)] = Field(
-        default=1e-8, description="residual over nodal forces"
+        default=1e-8, description="residual over nodal forces [-]"
     )
     maximum_iterations: Annotated[int, Field(ge=1, le=10_000)] = Field(
         default=12, description="Newton iterations before a step is cut"
     )
-    first_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = Field(default=1.0, description="first step")
+    first_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = Field(default=1.0, description="first step [-]")
     smallest_factor: Annotated[float, Field(ge=1e-12, le=1.0)] = Field(
-        default=1e-4, description="step below which the run gives up"
+        default=1e-4, description="step below which the run gives up [-]"
     )
-    largest_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = Field(default=1.0, description="largest step")
+    largest_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = Field(default=1.0, description="largest step [-]")
     grow: Annotated[float, Field(ge=1.0, le=100.0)] = Field(
-        default=1.5, description="growth of the step after an easy one"
+        default=1.5, description="growth of the step after an easy one [-]"
     )
     tangent_kind: Literal["propagated", "continuum", "elastic"] = Field(
         default="propagated", description="exact derivative of the update, that of the rates, or the stiffness alone"

@@ -1,0 +1,62 @@
+"""Sphinx extension: writes the pages that come from the program, and lists where an equation stands in the code."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from pages import api, catalogue, commands, equations, files, findings, glossary, scene_keys, state
+from pages.docstring import tidy
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+SOURCES = (api, catalogue, commands, files, findings, glossary, scene_keys, state)
+
+
+def write_pages(app: Sphinx) -> None:
+    """Bring `docs/generated` up to date; pages that have not changed are left alone, so that they are not read again."""
+    home = Path(app.srcdir)
+    wanted = {f"{name}.md": text for source in SOURCES for name, text in source.pages().items()}
+    for file in (home / "generated").rglob("*.md"):
+        if file.relative_to(home).as_posix() not in wanted:
+            file.unlink()
+    for name, text in wanted.items():
+        file = home / name
+        if not file.is_file() or file.read_text(encoding="utf-8") != text:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text, encoding="utf-8")
+
+
+class EquationInCode(SphinxDirective):
+    """Where an equation of the source stands in the code: its number is the argument."""
+
+    required_arguments = 1
+
+    def run(self) -> list:
+        """Parse the list as part of the page."""
+        lines = equations.listing(int(self.arguments[0])).splitlines()
+        return self.parse_text_to_nodes("\n".join(lines)) if lines else []
+
+
+def tidy_docstring(app, what, name, obj, options, lines: list[str]) -> None:
+    """Prepare a docstring before numpydoc reads it."""
+    lines[:] = tidy(lines)
+
+
+def leave_out_missing(app: Sphinx, name: str, text: list[str]) -> None:
+    """A line ``NAME?`` in a table of contents stands for a page that is listed if it exists."""
+    home = Path(app.srcdir)
+
+    def chosen(found: re.Match) -> str:
+        return f"{found.group(1)}\n" if (home / f"{found.group(1)}.md").is_file() else ""
+
+    text[0] = re.sub(r"^([\w/]+)\?\n", chosen, text[0], flags=re.MULTILINE)
+
+
+def setup(app: Sphinx) -> dict:
+    """Register everything."""
+    app.connect("builder-inited", write_pages, priority=100)
+    app.connect("source-read", leave_out_missing)
+    app.connect("autodoc-process-docstring", tidy_docstring, priority=100)
+    app.add_directive("equation-in-code", EquationInCode)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
