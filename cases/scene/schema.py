@@ -94,7 +94,8 @@ class LawScene(Scene):
         "name",
     )
     accuracy: Accuracy | None = Field(
-        default=None, description="error to aim at [-]: chooses integrator, tolerances and directions where the scene leaves them open",
+        default=None,
+        description="error to aim at [-]: chooses integrator, tolerances and directions that the scene leaves open",
         json_schema_extra={"minimum": FINEST, "maximum": COARSEST},
     )
     closure: ClosureSection = Field(default=ClosureSection(), description="how the change of forces is closed")

@@ -22,7 +22,7 @@ UNIT = re.compile(r"\[(-|degrees|m|Pa|Pa/m|N/m3|s|Pa or -)\]")
 
 
 def _tell_units(schema: dict[str, Any], model: type[BaseModel]) -> None:
-    """Give each key of a table in the JSON schema its unit as an entry of its own, for the reference and for editors."""
+    """Give each key of a table in the JSON schema its unit as an entry of its own, for reference and editors."""
     for entry in schema.get("properties", {}).values():
         if found := UNIT.search(entry.get("description", "")):
             entry["unit"] = found.group(1)

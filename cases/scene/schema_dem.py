@@ -43,8 +43,12 @@ class Packing(Section):
     )
     normal_stiffness: Positive = Field(default=1e9, description="kn [Pa]")
     stiffness_ratio: Annotated[float, Field(ge=1e-6, le=1.0)] = Field(default=1.0, description="kt/kn [-]")
-    friction: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(default=0.5, description="coefficient after packing [-]")
-    diameter_ratio: Annotated[float, Field(ge=1.0, le=5.0)] = Field(default=1.25, description="largest over smallest [-]")
+    friction: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(
+        default=0.5, description="coefficient after packing [-]"
+    )
+    diameter_ratio: Annotated[float, Field(ge=1.0, le=5.0)] = Field(
+        default=1.25, description="largest over smallest [-]"
+    )
     distribution: Literal["uniform", "uniform_area", "bidisperse", "monodisperse"] = Field(
         default="uniform", description="of the diameters"
     )

@@ -5,16 +5,17 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from pages import api, catalogue, commands, equations, files, findings, glossary, scene_keys, state
-from pages.docstring import tidy
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
+
+from pages import api, catalogue, commands, equations, files, findings, glossary, scene_keys, state
+from pages.docstring import tidy
 
 SOURCES = (api, catalogue, commands, files, findings, glossary, scene_keys, state)
 
 
 def write_pages(app: Sphinx) -> None:
-    """Bring `docs/generated` up to date; pages that have not changed are left alone, so that they are not read again."""
+    """Bring `docs/generated` up to date; pages that have not changed stay, so that they are not read again."""
     home = Path(app.srcdir)
     wanted = {f"{name}.md": text for source in SOURCES for name, text in source.pages().items()}
     for file in (home / "generated").rglob("*.md"):

@@ -30,8 +30,8 @@ print(f"{packing.count} disks, solid fraction {packing.solid_fraction:.4f}")
 # %%
 # Inputs of the law
 # -----------------
-# The packing at rest gives the coordination number and the densities of weak forces and narrow gaps; elastic probes give
-# the moduli; small loops give the slip at contacts. Nothing goes further than 5 % in p and q/p = 0.05.
+# The packing at rest gives the coordination number and the densities of weak forces and narrow gaps; elastic probes
+# give the moduli; small loops give the slip at contacts. Nothing goes further than 5 % in p and q/p = 0.05.
 
 measured = measure_material(packing)
 for name, value in measured.items():

@@ -20,11 +20,10 @@ folder = Path(tempfile.mkdtemp(prefix="granfabric_"))
 # %%
 # The mesh
 # --------
-# Gmsh itself would make this slope from a ``.geo`` file, with ``gmsh -2 -format msh41 slope.geo``. Names are those of its
+# Gmsh itself would make it from a ``.geo`` file, with ``gmsh -2 -format msh41 embankment.geo``. Names are those of its
 # physical groups::
 #
 #     Physical Curve("bottom") = {1};
-#     Physical Curve("side") = {2, 5};
 #     Physical Curve("crest") = {3};
 #     Physical Surface("ground") = {1};
 #
@@ -63,8 +62,8 @@ meshio.write(
 # The scene
 # ---------
 # A scene file names the mesh, the material, the initial stress and the stages of loading. The material here is the
-# shipped ``dense_disks``: inputs measured on packings of disks. The embankment is under its own weight of 20 kN/m3 and a
-# confining pressure, and carries a footing load of 20 kPa on its crest.
+# shipped ``dense_disks``: inputs measured on packings of disks. The embankment starts under an isotropic stress, which
+# constant reference forces balance, and gets a load of 20 kPa on its crest.
 
 scene = folder / "embankment.toml"
 scene.write_text("""\

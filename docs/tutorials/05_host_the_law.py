@@ -2,8 +2,8 @@
 5. Host the law in a code of your own
 =====================================
 
-The law needs nothing of the finite element code that comes with it. First it advances 100,000 points in one call, then it
-goes into a small finite element loop written from scratch.
+The law needs nothing of the finite element code that comes with it. First it advances 100,000 points in one call, then
+it goes into a small finite element loop written from scratch.
 """
 
 import time
@@ -38,7 +38,7 @@ law.update(strain_increment[:1], stress[:1], state[:1], stress_end[:1], state_en
 since = time.perf_counter()
 report = law.update(strain_increment, stress, state, stress_end, state_end, tangent)
 seconds = time.perf_counter() - since
-print(f"{points} points in {seconds:.2f} s; failed: {report.failed}, largest number of substeps: {report.substeps.max()}")
+print(f"{points} points in {seconds:.2f} s; failed: {report.failed}, substeps at most: {report.substeps.max()}")
 
 # %%
 # State columns are found by name.
@@ -51,8 +51,8 @@ for variable in law.description.state:
 # %%
 # A finite element loop
 # ---------------------
-# Bilinear squares with 2 x 2 integration points on a block of 0.1 m, fixed below, with a platen above that goes down and
-# cannot spread; its sides are held by constant forces that balance the initial stress. The loop is Newton's: update all
+# Bilinear squares with 2 x 2 integration points on a block of 0.1 m, fixed below, under a rough platen that goes down;
+# its sides are held by constant forces that balance the initial stress. The loop is Newton's: update all
 # points, assemble, solve, and accept the end arrays once the residual is small.
 
 cells, size = 8, 0.1

@@ -71,7 +71,7 @@ def pages() -> dict[str, str]:
     result["generated/catalogue/index"] = page(
         "# Catalogue of scenes",
         "Every shipped scene runs by its name and can be copied into a folder of your own: `granfabric scenes` lists "
-        "them, `granfabric scenes --copy NAME` copies one. What they are compared with is told in {doc}`/guide/scenes`. "
+        "them, `granfabric scenes --copy NAME` copies one. What they are compared with: {doc}`/guide/scenes`. "
         "The pictures are made by `python docs/scene_figures.py`.",
         *parts,
         f"```{{toctree}}\n:hidden:\n\n{listing}\n```",

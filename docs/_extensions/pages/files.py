@@ -47,15 +47,15 @@ def pages() -> dict[str, str]:
             "## history.csv of a field",
             "One row a load step, the initial state included. Stresses and strains are volume averages; p and q belong "
             "to the mean stress. For each boundary that carries loads or supports two columns "
-            "`displacement_NAME_x`, `displacement_NAME_y` [m] hold the mean displacement of its nodes, and for each that "
-            "is supported `reaction_NAME_x`, `reaction_NAME_y` [N/m] the force of the supports on the body.",
+            "`displacement_NAME_x`, `displacement_NAME_y` [m] hold the mean displacement of its nodes, and for each "
+            "that is supported `reaction_NAME_x`, `reaction_NAME_y` [N/m] the force of the supports on the body.",
             _columns(columns["field"]),
             "## history.csv of a DEM run",
             "One row a record. Gained, lost and persisting parts are added up over the records.",
             _columns(columns["dem"]),
             "## Arrays of result_*.vtu and points_*.vtu",
             "`displacement`, `stress` and `strain`, and every state variable that the law carries ({doc}`state`): at "
-            "the nodes, projected, in `result_*.vtu`; at the integration points in `points_*.vtu`, there also `status`. "
+            "the nodes, projected, in `result_*.vtu`; at the integration points in `points_*.vtu`, with `status`. "
             "Vectors have three components and tensors nine, so that ParaView draws them; shear strains are tensor "
             "components.",
             table(("array", "unit", "meaning"), arrays),

@@ -6,8 +6,19 @@ import tomllib
 from pathlib import Path
 
 from .markdown import code, page, table
-from .project import CLOSURE_NUMBERS, DEM_COLUMNS, POINT_COLUMNS, SLIDING_COLUMNS, Effects, Material, Variable
-from .project import COUNTS, LEADING, MEANS, state_variables
+from .project import (
+    CLOSURE_NUMBERS,
+    COUNTS,
+    DEM_COLUMNS,
+    LEADING,
+    MEANS,
+    POINT_COLUMNS,
+    SLIDING_COLUMNS,
+    Effects,
+    Material,
+    Variable,
+    state_variables,
+)
 
 DATA = Path(__file__).with_name("glossary.toml")
 HEAD = ("symbol", "meaning", "name in the code", "name in files", "unit", "equation")
@@ -15,7 +26,7 @@ HEAD = ("symbol", "meaning", "name in the code", "name in files", "unit", "equat
 
 def everything_on() -> Effects:
     """All effects."""
-    return Effects(**{name: True for name in Effects.names()})
+    return Effects(**dict.fromkeys(Effects.names(), True))
 
 
 def all_state_variables() -> tuple[Variable, ...]:

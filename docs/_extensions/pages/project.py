@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import typer.main
+
 from granfabric.cases.commands.cli import app
 from granfabric.cases.commands.convergence import COLUMNS as CONVERGENCE_COLUMNS
 from granfabric.cases.records import files

@@ -69,7 +69,7 @@ def _type(entry: dict[str, Any]) -> str:
         inner = _type(entry["items"])
         least, most = entry.get("minItems"), entry.get("maxItems")
         count = f"{least} " if least is not None and least == most else ""
-        return f"list of {count}{inner if count == '' else inner}"
+        return f"list of {count}{inner}"
     if entry.get("type") == "object":
         return "table of numbers"
     return {"number": "number", "integer": "whole number", "string": "text", "boolean": "true, false"}[entry["type"]]

@@ -80,7 +80,7 @@ def pages() -> dict[str, str]:
     parts = [
         "# State variables and parameters",
         "A law declares its state and its parameters as data "
-        "({py:class}`granfabric.constitutive.contract.LawDescription`); drivers, files and this page read them there. In "
+        "({py:class}`granfabric.constitutive.contract.LawDescription`); drivers, files and this page read them. In "
         "`points_*.vtu` each state variable is an array of its name. Two components are those of a vector in the "
         "double-angle plane, along cos 2θ and sin 2θ; without the effect `principal_rotation` only the first is "
         "carried.",
