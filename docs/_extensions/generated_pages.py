@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from docutils import nodes
+from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
@@ -26,6 +28,37 @@ def write_pages(app: Sphinx) -> None:
         if not file.is_file() or file.read_text(encoding="utf-8") != text:
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(text, encoding="utf-8")
+
+
+def index_entries(place: str, names: list[str]) -> list:
+    """A target and entries of the index that lead to it, which the search of the site ranks first."""
+    entries = [("single", name, place, "main", None) for name in names]
+    return [addnodes.index(entries=entries), nodes.target("", "", ids=[place])]
+
+
+class EquationEntry(SphinxDirective):
+    """Index entries of equations: their numbers, and a name a line."""
+
+    required_arguments = 1
+    final_argument_whitespace = True
+    has_content = True
+
+    def run(self) -> list:
+        """All spellings of the numbers, and the names."""
+        numbers = self.arguments[0].split()
+        names = [name for number in numbers for name in equations.spellings(number)]
+        return index_entries(f"equation-entry-{numbers[0]}", names + list(self.content))
+
+
+class Entries(SphinxDirective):
+    """Index entries of a place that is named by the argument: a name a line."""
+
+    required_arguments = 1
+    has_content = True
+
+    def run(self) -> list:
+        """The names."""
+        return index_entries(self.arguments[0], list(self.content))
 
 
 class EquationInCode(SphinxDirective):
@@ -59,5 +92,7 @@ def setup(app: Sphinx) -> dict:
     app.connect("builder-inited", write_pages, priority=100)
     app.connect("source-read", leave_out_missing)
     app.connect("autodoc-process-docstring", tidy_docstring, priority=100)
+    app.add_directive("equation-entry", EquationEntry)
+    app.add_directive("entries", Entries)
     app.add_directive("equation-in-code", EquationInCode)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -7,6 +7,7 @@ report. Any object that has them can be put into a boundary-value problem. Here 
 shear moduli grow with the pressure, in plain NumPy.
 """
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from granfabric.constitutive.contract import Law, LawDescription, Status, UpdateReport, Variable
@@ -147,3 +148,14 @@ for step in steps:
     force = step.reactions["top"][1] / 0.05
     residuals = ", ".join(f"{residual:.0e}" for residual in step.residuals)
     print(f"{step.stage:12} step {step.step}: mean axial stress {force / 1e3:8.2f} kPa; residuals {residuals}")
+
+# %%
+# The accumulated shear strain, the state variable of the law, is concentrated at the corners of the platens.
+
+last = steps[-1]
+shear_strain = last.state[:, law.description.columns("shear_strain")].ravel()
+figure, axes = plt.subplots(figsize=(4.0, 4.6), layout="constrained")
+colours = axes.tricontourf(space.points[:, 0], space.points[:, 1], 1e6 * shear_strain, levels=12)
+figure.colorbar(colours, ax=axes, label="accumulated shear strain [$10^{-6}$]")
+axes.set(xlabel="$x$ [m]", ylabel="$y$ [m]", aspect="equal")
+plt.show()

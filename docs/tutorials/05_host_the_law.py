@@ -8,6 +8,7 @@ it goes into a small finite element loop written from scratch.
 
 import time
 
+import matplotlib.pyplot as plt
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import spsolve
@@ -121,6 +122,16 @@ for step in range(1, 6):
         f"step {step}: axial stress {axial / 1e3:7.2f} kPa, z from {z.min():.4f} to {z.max():.4f}; "
         f"residuals {', '.join(f'{norm:.0e}' for norm in norms)}"
     )
+
+# %%
+# Contacts are lost most away from the platens, which confine the block at its ends.
+
+figure, axes = plt.subplots(figsize=(4.6, 3.8), layout="constrained")
+squares = z.reshape(-1, 4).mean(axis=1).reshape(cells, cells)
+picture = axes.imshow(squares, origin="lower", extent=(0.0, size, 0.0, size))
+figure.colorbar(picture, ax=axes, label="coordination number $z$ [-]")
+axes.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
+plt.show()
 
 # %%
 # A failed point would end the step: the host then keeps its start arrays, cuts the increment and tries again.

@@ -47,6 +47,11 @@ def places() -> dict[int, list[Thing]]:
     return found
 
 
+def spellings(number: str) -> list[str]:
+    """What a person may type to find an equation; the search of the site passes over numbers that stand alone."""
+    return [f"equation {number}", f"eq. {number}", f"eq {number}", f"[{number}]", f"equation ({number})"]
+
+
 def link(thing: Thing, short: bool = False) -> str:
     """A link to where it is documented; `short` shows the last part of the name alone."""
     if thing.name.startswith("granfabric.cases"):

@@ -53,13 +53,13 @@ def pages() -> dict[str, str]:
             "## history.csv of a DEM run",
             "One row a record. Gained, lost and persisting parts are added up over the records.",
             _columns(columns["dem"]),
-            "## Arrays of result_*.vtu and points_*.vtu",
+            "## Arrays of `result_*.vtu` and `points_*.vtu`",
             "`displacement`, `stress` and `strain`, and every state variable that the law carries ({doc}`state`): at "
             "the nodes, projected, in `result_*.vtu`; at the integration points in `points_*.vtu`, with `status`. "
             "Vectors have three components and tensors nine, so that ParaView draws them; shear strains are tensor "
             "components.",
             table(("array", "unit", "meaning"), arrays),
-            "## Arrays of particles_*.vtu and contacts_*.vtu",
+            "## Arrays of `particles_*.vtu` and `contacts_*.vtu`",
             "`radius`, `contacts`, `bears_force`, `pressure` and `displacement` of each particle; `normal_force`, "
             "`tangential_force` and `mobilisation` of each contact: {doc}`glossary`.",
             "## Tables of verify and convergence",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -99,7 +100,10 @@ def pages() -> dict[str, str]:
     parts = []
     for section in sections():
         rows = [_row(entry) for entry in section["quantity"]]
-        parts.append(f"## {section['title']}\n\n{table(HEAD, rows)}")
+        place = "names-" + "-".join(re.findall(r"\w+", section["title"].lower()))
+        names = [name for entry in section["quantity"] for name in (*entry["code"], *entry["files"], entry["symbol"])]
+        entries = "\n".join(dict.fromkeys(name for name in names if name and name not in ("stage", "step", "e", "c")))
+        parts.append(f"```{{entries}} {place}\n{entries}\n```\n\n## {section['title']}\n\n{table(HEAD, rows)}")
     return {
         "generated/reference/glossary": page(
             "# Glossary",

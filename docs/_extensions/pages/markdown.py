@@ -41,6 +41,15 @@ def number(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
+def bound(sign: str, value: float) -> str:
+    """A bound of a quantity; one at the end of the range of numbers is none, one next to zero is zero left out."""
+    if abs(value) >= 1e300:
+        return ""
+    if sign == "≥" and 0.0 < value <= 1e-300:
+        return "> 0"
+    return f"{sign} {number(value)}"
+
+
 def page(*parts: str) -> str:
     """Parts with empty lines between them."""
     return "\n\n".join([LEGEND, *(part for part in parts if part)]) + "\n"

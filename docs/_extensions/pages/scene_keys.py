@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from .markdown import code, number, page, table
+from .markdown import bound, code, number, page, table
 from .project import json_schema
 
 SHARED = ("material", "closure", "effects", "integration")
@@ -79,7 +79,8 @@ def _bounds(entry: dict[str, Any]) -> str:
     parts = []
     for key, sign in (("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"), ("exclusiveMaximum", "<")):
         if key in entry:
-            parts.append(f"{sign} {number(entry[key])}")
+            parts.append(bound(sign, entry[key]))
+    parts = [part for part in parts if part]
     if "multipleOf" in entry:
         parts.append(f"multiple of {entry['multipleOf']}")
     if not parts:
@@ -93,7 +94,9 @@ def _bounds(entry: dict[str, Any]) -> str:
 def _default(key: str, entry: dict[str, Any], required: list[str]) -> str:
     if key in required:
         return "required"
-    value = entry.get("default")
+    if "default" not in entry:
+        return "required, here or in `material_file`"
+    value = entry["default"]
     if value is None or _definition(entry):
         return ""
     if isinstance(value, float):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from .glossary import all_state_variables, everything_on
-from .markdown import code, number, page, table
+from .markdown import bound, code, number, page, table
 from .project import (
     ElasticMaterial,
     LawDescription,
@@ -21,9 +21,8 @@ HEAD = ("name", "components", "unit", "bounds", "meaning")
 
 
 def _bounds(variable: Variable) -> str:
-    lower = f"≥ {number(variable.lower)}" if variable.lower > -1e300 else ""
-    upper = f"≤ {number(variable.upper)}" if variable.upper < 1e300 else ""
-    return ", ".join(part for part in (lower, upper) if part)
+    parts = (bound("≥", variable.lower), bound("≤", variable.upper))
+    return ", ".join(part for part in parts if part)
 
 
 def carried_for(name: str) -> str:
