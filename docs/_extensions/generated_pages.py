@@ -69,7 +69,7 @@ class EquationInCode(SphinxDirective):
     def run(self) -> list:
         """Parse the list as part of the page."""
         lines = equations.listing(int(self.arguments[0])).splitlines()
-        return self.parse_text_to_nodes("\n".join(lines)) if lines else []
+        return self.parse_text_to_nodes("\n".join(["In the code:", "", *lines])) if lines else []
 
 
 def tidy_docstring(app, what, name, obj, options, lines: list[str]) -> None:

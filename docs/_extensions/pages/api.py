@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
+from importlib import import_module
+
 from .docstring import tidy
 from .equations import link
 from .markdown import page, prose, table
 from .sources import ROOMS, Thing, things
 
 TITLES = {
+    "granfabric": "The front",
     "granfabric.constitutive": "The point law",
     "granfabric.fem": "The finite element host",
     "granfabric.dem_ref": "The reference DEM",
@@ -44,6 +48,18 @@ def _module(module: Thing, package: str) -> str:
     )
 
 
+def _exported(package: str) -> list[tuple[str, str]]:
+    """Names that a package declares in `__all__`, with links to where they are defined."""
+    imported = import_module(package)
+    rows = []
+    for name in getattr(imported, "__all__", ()):
+        value = getattr(imported, name)
+        home = f"{getattr(value, '__module__', package)}.{getattr(value, '__qualname__', name)}"
+        first = (inspect.getdoc(value) or "").split("\n\n")[0]
+        rows.append((f"{{py:obj}}`{name} <{home}>`", prose(first)))
+    return rows
+
+
 def pages() -> dict[str, str]:
     """A page a package that lists its modules, and a page a module."""
     result = {}
@@ -60,12 +76,14 @@ def pages() -> dict[str, str]:
             rows.append((f"[`{module.name}`](/generated/api/{place})", prose(module.summary)))
             listing.append(f"/generated/api/{place}")
         own = modules(package)[0]
+        exported = _exported(package)
         short = package.removeprefix("granfabric.")
         tree = "\n".join(listing)
         result[f"generated/api/{short}"] = page(
             f"# {title}: `{package}`",
             prose(own.summary),
-            table(("module", "what it holds"), rows),
+            table(("name", "what it is"), exported) if exported else "",
+            table(("module", "what it holds"), rows) if rows else "",
             f"```{{toctree}}\n:hidden:\n\n{tree}\n```" if listing else "",
         )
     return result
@@ -75,4 +93,4 @@ def _is_folder(module: Thing) -> bool:
     return module.file.stem == "__init__"
 
 
-assert set(TITLES) | {"granfabric"} == set(ROOMS)
+assert set(TITLES) == set(ROOMS)
