@@ -9,8 +9,10 @@ from .constitutive.parameters import ParameterError as ParameterError
 from .constitutive.path import Leg as Leg
 from .constitutive.path import PathHistory as PathHistory
 from .constitutive.path import drive as drive
-from .constitutive.plain_laws.linear_elastic import LinearElastic as LinearElastic
-from .constitutive.plain_laws.von_mises import VonMises as VonMises
+from .constitutive.plain_laws.linear_elastic import ElasticMaterial as ElasticMaterial
+from .constitutive.plain_laws.linear_elastic import LinearElasticLaw as LinearElasticLaw
+from .constitutive.plain_laws.von_mises import VonMisesLaw as VonMisesLaw
+from .constitutive.plain_laws.von_mises import VonMisesMaterial as VonMisesMaterial
 from .dem_ref.dynamics.packing import PackingError as PackingError
 from .dem_ref.dynamics.packing import PackingOptions as PackingOptions
 from .dem_ref.dynamics.packing import make_packing as make_packing

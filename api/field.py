@@ -9,9 +9,10 @@ from granfabric.cases.records import files
 from granfabric.cases.records.field_history import FieldHistory
 from granfabric.cases.records.field_recorder import FieldRecorder
 from granfabric.cases.records.record import Record
+from granfabric.cases.scene.owner import Owner
 from granfabric.fem.equilibrium.checkpoint import CheckpointFolder
 from granfabric.fem.equilibrium.control import StepControl
-from granfabric.fem.equilibrium.results import StepResult
+from granfabric.fem.equilibrium.results import RunSummary, StepResult
 from granfabric.fem.equilibrium.stepping import solve
 from granfabric.fem.loads.kinds import Displacement, Fixed
 from granfabric.fem.loads.problem import Problem
@@ -28,6 +29,7 @@ def solve_to_folder(
     on_step: Callable[[StepResult], None] | None = None,
     stop: Callable[[], bool] | None = None,
     every: int = 1,
+    overwrite: bool = False,
 ) -> Results:
     """Solve a problem and write what `granfabric run` writes: history, fields for ParaView, record.
 
@@ -35,7 +37,7 @@ def solve_to_folder(
     ----------
     problem : Problem
     folder : str or Path
-        New, empty, or of an earlier run of the same title, which is replaced.
+        New, empty, or of an earlier call, which is replaced. Its name is the title of the run.
     control : StepControl, optional
     on_step : callable, optional
         Called with each accepted `StepResult`.
@@ -43,6 +45,8 @@ def solve_to_folder(
         Asked before each attempt; True ends the run cleanly.
     every : int
         Fields are written each so many steps, at the start and at the end.
+    overwrite : bool
+        Replace results of a scene too.
 
     Returns
     -------
@@ -68,27 +72,48 @@ def solve_to_folder(
     -120000
     """
     folder = Path(folder)
-    files.prepare_output(folder)
-    record = Record(folder, folder.name, {"title": folder.name, "kind": "field"}, is_scene=False)
-    record.write()
+    name = folder.resolve().name
+    owner = Owner("field", name, name)
+    with files.held(folder, owner, overwrite):
+        files.prepare_output(folder, owner, overwrite)
+        record = Record(folder, name, {"title": name, "kind": "field"}, is_scene=False)
+        record.write()
+        summary, stopped = _solve(problem, record, control or StepControl(), on_step, stop, every)
+        record.outcome = "finished" if summary.finished else "stopped" if stopped else "failed"
+        record.message = summary.message
+        record.details["counters"] = dict(summary.counters)
+        record.timing.update(summary.seconds)
+        record.write()
+    return read_results(folder)
+
+
+def _solve(
+    problem: Problem,
+    record: Record,
+    control: StepControl,
+    on_step: Callable[[StepResult], None] | None,
+    stop: Callable[[], bool] | None,
+    every: int,
+) -> tuple[RunSummary, bool]:
+    """How the run ended, and whether it was stopped on request."""
     loads = [load for stage in problem.stages for load in stage.loads]
     boundaries = list(dict.fromkeys(load.boundary for load in loads if hasattr(load, "boundary")))
     supported = list(dict.fromkeys(load.boundary for load in loads if isinstance(load, (Fixed, Displacement))))
     history = FieldHistory(problem.space, problem.law.description, boundaries, supported)
-    checkpoints = CheckpointFolder(folder, folder.name)
-    recorder = FieldRecorder(folder, problem, history, every, lambda completed, text: None, checkpoints)
+    checkpoints = CheckpointFolder(record.folder, record.name)
+    recorder = FieldRecorder(record.folder, problem, history, every, lambda completed, text: None, checkpoints)
+    wished = False
 
     def both(step: StepResult) -> None:
         recorder(step)
         if on_step is not None:
             on_step(step)
 
-    summary = solve(problem, control, on_step=both, stop=stop)
+    def asked() -> bool:
+        nonlocal wished
+        wished = wished or (stop is not None and stop())
+        return wished
+
+    summary = solve(problem, control, on_step=both, stop=asked)
     recorder.close()
-    stopped = stop is not None and not summary.finished and summary.failed_point is None and stop()
-    record.outcome = "finished" if summary.finished else "stopped" if stopped else "failed"
-    record.message = summary.message
-    record.details["counters"] = dict(summary.counters)
-    record.timing.update(summary.seconds)
-    record.write()
-    return read_results(folder)
+    return summary, wished

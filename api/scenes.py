@@ -125,11 +125,11 @@ def run_scene(
     folder = Path("results", loaded.name) if output is None else Path(output)
     screen = _Silent(progress)
     if loaded.scene.kind == "point":
-        run_point(loaded, folder, screen)
+        run_point(loaded, folder, screen, overwrite)
     elif loaded.scene.kind == "dem":
-        run_dem(loaded, folder, screen, resume)
+        run_dem(loaded, folder, screen, resume, overwrite)
     else:
-        run_field(loaded, folder, screen, resume)
+        run_field(loaded, folder, screen, resume, overwrite=overwrite)
     return read_results(folder)
 
 
