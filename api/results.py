@@ -47,9 +47,8 @@ def read_results(folder: str | Path) -> Results:
     Examples
     --------
     >>> import granfabric as gf
-    >>> getfixture = globals().get("getfixture")
     >>> results = gf.read_results(demo)
-    >>> results.history["coordination"].iloc[-1] < 4.06
+    >>> bool(results.history["coordination"].iloc[-1] < 4.06)
     True
     """
     folder = Path(folder)
@@ -84,8 +83,9 @@ class _Series:
         if step < 0 and -len(known) <= step:
             return known[step]
         if step not in self.steps:
-            legal = ", ".join(map(str, known)) if len(known) < 12 else f"{known[0]} ... {known[-1]} in {len(known)} files"
-            raise InputError(f"step {step} was not written to {self._folder / self._name}.pvd; there are {legal or 'none'}")
+            some = ", ".join(map(str, known)) or "none"
+            legal = some if len(known) < 12 else f"{known[0]} ... {known[-1]} in {len(known)} files"
+            raise InputError(f"step {step} was not written to {self._folder / self._name}.pvd; there are {legal}")
         return step
 
     def _read(self, step: int) -> Any:

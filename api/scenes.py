@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from granfabric.cases.scene import build, catalogue, reader
+from granfabric.cases.scene import catalogue, reader
 from granfabric.cases.scene.material_file import read_material as material_tables
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.scene.toml_text import value_text

@@ -69,7 +69,7 @@ def law_tables(measured: Mapping[str, float]) -> dict[str, dict[str, Any]]:
 def refusal(values: Mapping[str, float]) -> str:
     """What the law says against values that are within their bounds each but do not go together; empty if nothing."""
     tables = law_tables(values)
-    closure = _closure(tables)
+    closure = closure_table(tables)
     try:
         ContactLaw(
             [Material(**tables["material"])], Closure(**closure), Effects(sliding="peak_stress_ratio" in values)
@@ -79,7 +79,7 @@ def refusal(values: Mapping[str, float]) -> str:
     return ""
 
 
-def _closure(tables: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def closure_table(tables: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """Table [closure] with the choices that the measured numbers are for."""
     closure = tables.get("closure", {})
     if not all(name in closure for name in CLOSURE_NUMBERS):
@@ -118,7 +118,7 @@ def material_text(
     head += "".join(f"# {name} could not be measured on this packing\n" for name in missing)
     tables = law_tables(measured)
     if "closure" in tables:
-        tables["closure"] = _closure(tables)
+        tables["closure"] = closure_table(tables)
     text = to_toml(tables).lstrip()
     return head + (text if errors is None else _commented(text, Inputs(dict(measured), dict(errors))))
 
