@@ -287,7 +287,16 @@ def test_a_motion_that_lost_itself_never_reaches_the_search():
         motion.run(2)
 
 
+@pytest.fixture
+def interruptible():
+    """Ctrl-C is heard: a job in the background of a shell is started with it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_motion_is_whole():
     """Ctrl-C between the steps and what belongs to them: springs are those of the steps taken, so that it can go on."""
     drive = np.array([-2e-6, 1e-6, 3e-6])
