@@ -1,8 +1,8 @@
 #!/bin/bash
-# Gmsh: results appended to the .msh file of their mesh.
-# gmsh.view.write(view, "model.msh", append=True) after gmsh.write("model.msh").
-# Expected: $NodeData is added to the file. Seen: the whole mesh is written again as well ($MeshFormat, $Nodes, $Elements
-# a second time, word for word), and Gmsh itself reads the file as twice the nodes and twice the triangles.
+# library: Gmsh
+# version: 4.15.2
+# expected: results written to the .msh file of their mesh with append=True add $NodeData to it
+# seen: the whole mesh is written a second time, and Gmsh itself reads the file as twice the nodes and twice the triangles
 # With PostProcessing.SaveMesh = 0 the results alone are appended.
 set -euo pipefail
 work=$(mktemp -d)

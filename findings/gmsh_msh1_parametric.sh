@@ -1,8 +1,9 @@
 #!/bin/bash
-# Gmsh: MSH 1 with Mesh.SaveParametric.
-# Expected: MSH 1 knows no parametric nodes, so the option changes nothing. Seen: Gmsh writes the further numbers of each
-# node into $NOD, of which nothing in the file tells, and cannot read its own file: "Wrong node index". MSH 2.2 and 4.x
-# mark such nodes ($ParametricNodes, a flag) and are read.
+# library: Gmsh
+# version: 4.15.2
+# expected: MSH 1 knows no parametric nodes, so Mesh.SaveParametric changes nothing
+# seen: Gmsh writes further numbers of each node into $NOD and cannot read its own file: "Wrong node index"
+# MSH 2.2 and 4.x mark such nodes ($ParametricNodes, a flag) and are read.
 set -euo pipefail
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT

@@ -1,8 +1,9 @@
 #!/bin/bash
-# meshio and MSH 4.0 as Gmsh writes it.
-# Gmsh writes "4 0 8" as the format line of MSH 4.0. meshio has a reader of 4.0 and chooses it for "4.0" only; "4" goes to
-# the reader of 4.1, where counts mean other things.
-# Expected: `gmsh -format msh40` is read. Seen: an error about unmatched data; with the line changed to "4.0 0 8" it is read.
+# library: meshio (and Gmsh)
+# version: 5.3.5 (4.15.2)
+# expected: a file of `gmsh -format msh40` is read
+# seen: the format line says "4", which meshio takes for 4.1: an error about unmatched data; with "4.0" in that line it is read
+# meshio has a reader of 4.0 and chooses it for "4.0" only.
 set -euo pipefail
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT

@@ -1,9 +1,9 @@
 #!/bin/bash
-# meshio and physical groups with reversed members in MSH 4.1.
-# Physical Curve("ground") = {-3, 4} is valid; Gmsh stores the group's number with a minus sign at the reversed curve.
-# Expected: "ground" holds the elements of both curves, 2 m. Seen: meshio compares numbers with their sign; the elements
-# of the reversed curve are in no cell set, without a word. MSH 2.2 of the same model holds both. (Also lost: a group
-# of curves of which a group of surfaces has the name.)
+# library: meshio (and Gmsh)
+# version: 5.3.5 (4.15.2)
+# expected: a physical group with a reversed member, {-3, 4}, holds the elements of both curves
+# seen: MSH 4.1 stores the number with a minus sign; meshio compares with the sign, and the elements of the reversed curve are in no set, without a word
+# MSH 2.2 of the same model holds both curves. Also lost: a group of curves of which a group of surfaces has the name.
 set -euo pipefail
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT

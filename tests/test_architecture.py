@@ -36,7 +36,7 @@ ALLOWED: dict[str, set[str]] = {
 
 FLOORS: dict[str, tuple[str, ...]] = {
     "constitutive": (
-        *("contract", "arrays", "compilation", "threads", "effects", "fabric", "stiffness", "parameters"),
+        *("contract", "arrays", "compilation", "threads", "fabric", "stiffness", "parameters", "effects"),
         *("lanes", "network", "sliding", "integration", "state", "law", "path", "plain_laws", "warm_up"),
     ),
     "fem": (

@@ -81,10 +81,10 @@ def test_only_what_was_finished_ends_with_code_0(
 ) -> None:
     scenes = {"run": ("run.run_field", "biaxial_smooth"), "point": ("point.run_point", "p_constant"),
               "dem": ("dem.run_dem", "dem_biaxial"), "verify": ("verify.run_verify", None),
-              "cost": ("cost.command.run_cost", None)}  # fmt: skip
+              "cost": ("cost.run_cost", None)}  # fmt: skip
     place, scene = scenes[command]
     record = SimpleNamespace(outcome=outcome, details={}, timing={}, folder=tmp_path)
-    monkeypatch.setattr(f"cases.{place}", lambda *arguments, **options: record)
+    monkeypatch.setattr(f"granfabric.cases.commands.{place}", lambda *arguments, **options: record)
     assert granfabric(command, *([scene] if scene else []), "-o", tmp_path / "out").code == code
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from mutations import one_sentence
 
-import granfabric.cases as cases
 from granfabric.cases.errors import MOST_LINES, InputError
 from granfabric.cases.records import files
+from granfabric.cases.scene import catalogue
 from granfabric.cases.scene.keys import label, split
 from granfabric.cases.scene.reader import check, load
 from granfabric.cases.scene.text_file import decoded
@@ -271,7 +271,7 @@ def test_labels() -> None:
 @pytest.fixture
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A scene with its mesh in one folder; the working folder is another."""
-    shutil.copytree(Path(cases.__file__).parent / "biaxial", tmp_path / "scene")
+    shutil.copytree(catalogue.HOME / "biaxial", tmp_path / "scene")
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     return tmp_path

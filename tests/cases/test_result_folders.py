@@ -195,7 +195,7 @@ def names_of_files(source: str) -> set[str]:
 def test_every_name_of_a_file_in_the_code_is_one_of_a_run_or_known_not_to_be() -> None:
     """A command that writes another file has to say so where the files of a run are listed."""
     assert names_of_files('"doc.png"\nopen(f"{a}_{b:05d}.vtu"); x = "a.png"; y = ".csv"') == {"{}_{}.vtu", "a.png"}
-    sources = [file for file in Path(files.__file__).parent.rglob("*.py") if file != Path(files.__file__)]
+    sources = [file for file in Path(files.__file__).parents[1].rglob("*.py") if file != Path(files.__file__)]
     spelled = set().union(*(names_of_files(file.read_text(encoding="utf-8")) for file in sources))
     assert spelled - set(files.OWN_FILES) == set(ELSEWHERE)
     assert len(set(files.OWN_FILES)) == len(files.OWN_FILES)
@@ -241,7 +241,7 @@ def test_nothing_of_a_run_stays_when_its_folder_is_used_again(
 HOLDING = """
 import sys, time
 from pathlib import Path
-from granfabric.cases import lock
+from granfabric.cases.records import lock
 with lock.held(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)

@@ -460,8 +460,8 @@ def test_doubtful_inputs_are_marked_with_their_packing(monkeypatch: pytest.Monke
     assert verify._judge(store, [1, 2], Screen(), SimpleNamespace(wished=False)) == [*results.values()]  # type: ignore
     assert told.lines == [
         "seed 1: slip = 0.2 +- 0.3: its error is larger than itself",
-        "seed 2: isostatic_coordination = 7 +- 0.1: outside the bounds [0, 5] of the law, which will refuse it",
         "seed 2: fluctuation is not measured: this packing does not give it",
+        "seed 2: isostatic_coordination = 7 +- 0.1: outside the bounds [0, 5] of the law, which will refuse it",
     ]
 
 
