@@ -9,9 +9,7 @@ together, how a stress path is written, and what the choice of the closure chang
 import matplotlib.pyplot as plt
 import numpy as np
 
-from granfabric.constitutive.law import ContactLaw
-from granfabric.constitutive.parameters import Closure, Material
-from granfabric.constitutive.path import Leg, drive
+import granfabric as gf
 
 # %%
 # The material
@@ -22,7 +20,7 @@ from granfabric.constitutive.path import Leg, drive
 #
 # ``bulk_reduction`` and ``shear_reduction`` say how much softer the packing is than the uniform-strain estimate.
 
-material = Material(
+material = gf.Material(
     coordination=4.06,
     solid_fraction=0.846,
     normal_stiffness=1e9,
@@ -39,8 +37,8 @@ material = Material(
 
 initial_stress = (-100e3, -100e3, 0.0)
 legs = [
-    Leg(target=(-70e3, -130e3, 0.0), increments=30),
-    Leg(target=(-100e3, -100e3, 0.0), increments=30),
+    gf.Leg(target=(-70e3, -130e3, 0.0), increments=30),
+    gf.Leg(target=(-100e3, -100e3, 0.0), increments=30),
 ]
 
 # %%
@@ -50,10 +48,12 @@ legs = [
 # direction. ``shifted_distribution`` follows the distribution of weak contact forces and lets contacts return.
 
 closures = {
-    "mean_field (the source)": Closure(force_change="mean_field"),
-    "shifted_distribution": Closure(force_change="shifted_distribution"),
+    "mean_field (the source)": gf.Closure(force_change="mean_field"),
+    "shifted_distribution": gf.Closure(force_change="shifted_distribution"),
 }
-histories = {name: drive(ContactLaw([material], closure), initial_stress, legs) for name, closure in closures.items()}
+histories = {
+    name: gf.drive(gf.ContactLaw([material], closure), initial_stress, legs) for name, closure in closures.items()
+}
 
 for name, history in histories.items():
     z = history.columns["coordination"]

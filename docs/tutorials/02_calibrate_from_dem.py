@@ -9,13 +9,7 @@ went into none of the measurements, and the same packing is loaded in the DEM fo
 import matplotlib.pyplot as plt
 import numpy as np
 
-from granfabric.constitutive.law import ContactLaw
-from granfabric.constitutive.parameters import Closure, Material
-from granfabric.constitutive.path import Leg, drive
-from granfabric.dem_ref.dynamics.packing import make_packing
-from granfabric.dem_ref.inputs.material import CLOSURE_KEYS, MATERIAL_KEYS, measure_material
-from granfabric.dem_ref.loading.path import biaxial_test
-from granfabric.dem_ref.loading.run import DemRun, RunOptions
+import granfabric as gf
 
 # %%
 # A packing
@@ -24,7 +18,7 @@ from granfabric.dem_ref.loading.run import DemRun, RunOptions
 # same packing. 800 disks are enough to see how it works; for numbers to rely on take several packings of thousands,
 # because the standard deviation between packings falls with the square root of their number of disks.
 
-packing = make_packing(800, seed=3)
+packing = gf.make_packing(800, seed=3)
 print(f"{packing.count} disks, solid fraction {packing.solid_fraction:.4f}")
 
 # %%
@@ -33,9 +27,9 @@ print(f"{packing.count} disks, solid fraction {packing.solid_fraction:.4f}")
 # The packing at rest gives the coordination number and the densities of weak forces and narrow gaps; elastic probes
 # give the moduli; small loops give the slip at contacts. Nothing goes further than 5 % in p and q/p = 0.05.
 
-measured = measure_material(packing)
-for name, value in measured.items():
-    print(f"{name:30} {value:.4g}")
+inputs = gf.measure_packing(packing)
+for name, value in inputs.values.items():
+    print(f"{name:30} {value:.4g} +- {inputs.errors[name]:.2g}  {'; '.join(inputs.doubts.get(name, []))}")
 
 # %%
 # ``granfabric dem SCENE`` does the same and writes the numbers to ``material.toml``, which scenes read with
@@ -43,9 +37,8 @@ for name, value in measured.items():
 # from the small change of the shear modulus on an unloading by 5 %, for which so few disks are not enough. It is needed
 # by ``shear_stiffness = "isostatic"`` only.
 
-material = Material(**{name: measured[name] for name in MATERIAL_KEYS if name != "isostatic_coordination"})
-closure = Closure(force_change="shifted_distribution", **{name: measured[name] for name in CLOSURE_KEYS})
-law = ContactLaw([material], closure)
+inputs.values.pop("isostatic_coordination", None)
+law = gf.ContactLaw([inputs.material], inputs.closure)
 
 # %%
 # Prediction and test
@@ -55,12 +48,12 @@ law = ContactLaw([material], closure)
 
 pressure = packing.normal_stiffness / 1e4
 largest = 0.2
-run = DemRun(packing, RunOptions(tuple(biaxial_test("constant_pressure", largest))))
+run = gf.DemRun(packing, gf.RunOptions((gf.Segment("biaxial", "constant_pressure", stress_ratio=largest),)))
 run.execute()
 disks = run.history()
 
 target = (-pressure * (1.0 - largest), -pressure * (1.0 + largest), 0.0)
-predicted = drive(law, (-pressure, -pressure, 0.0), [Leg(target=target, increments=20)]).columns
+predicted = gf.drive(law, (-pressure, -pressure, 0.0), [gf.Leg(target=target, increments=20)]).columns
 
 ratio_disks = disks["q"] / disks["p"]
 ratio_law = predicted["q"] / predicted["p"]

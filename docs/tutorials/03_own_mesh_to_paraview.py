@@ -6,14 +6,14 @@ A boundary-value problem on a Gmsh mesh: how boundaries and regions are named, h
 results are read again, in ParaView or in Python.
 """
 
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import meshio
 import numpy as np
+
+import granfabric as gf
 
 folder = Path(tempfile.mkdtemp(prefix="granfabric_"))
 
@@ -92,15 +92,12 @@ pictures = false
 # %%
 # The run
 # -------
-# On a terminal: ``granfabric run embankment.toml -o results``. A name that the mesh lacks is told before anything runs.
+# On a terminal: ``granfabric mesh embankment.toml`` to look at the mesh, ``granfabric run embankment.toml -o results``
+# to compute. From Python the same files are written. A name that the mesh lacks is told before anything runs.
 
-results = folder / "results"
-command = [sys.executable, "-m", "granfabric", "run", str(scene), "-o", str(results)]
-done = subprocess.run(command, capture_output=True, text=True)
-print(done.stdout)
-if done.returncode:
-    raise SystemExit(done.stderr)
-for file in sorted(results.iterdir()):
+results = gf.run_scene(scene, output=folder / "results")
+print((results.folder / "run.log").read_text())
+for file in sorted(results.folder.iterdir()):
     print(file.name)
 
 # %%
@@ -112,14 +109,15 @@ for file in sorted(results.iterdir()):
 #
 # In Python
 # ---------
-# The same files are read by meshio; vectors have three components and tensors nine.
+# ``run_scene`` returns the results, ``gf.read_results(folder)`` opens those of any run. The history is a table of
+# pandas, fields are arrays at the nodes, and ``at`` and ``along`` give values at places.
 
-last = sorted(results.glob("result_*.vtu"))[-1]
-field = meshio.read(last)
-moved = field.points[:, :2] + 2000.0 * field.point_data["displacement"][:, :2]
+print(results.history[["step", "stage", "p", "q", "coordination"]])
+print(results.at(0.0, 1.0))
+moved = results.nodes + 2000.0 * results.field("displacement")
 
 figure, axes = plt.subplots(figsize=(8.0, 3.2), layout="constrained")
-colours = axes.tricontourf(moved[:, 0], moved[:, 1], field.point_data["coordination"], levels=12)
+colours = axes.tricontourf(moved[:, 0], moved[:, 1], results.field("coordination"), levels=12)
 figure.colorbar(colours, ax=axes, label="coordination number $z$ [-]")
 axes.set(xlabel="$x$ [m]", ylabel="$y$ [m]", aspect="equal", title="Deformed 2000 times")
 plt.show()

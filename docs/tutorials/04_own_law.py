@@ -10,12 +10,8 @@ shear moduli grow with the pressure, in plain NumPy.
 import matplotlib.pyplot as plt
 import numpy as np
 
+import granfabric as gf
 from granfabric.constitutive.contract import Law, LawDescription, Status, UpdateReport, Variable
-from granfabric.fem.discretisation.space import Space
-from granfabric.fem.equilibrium.stepping import solve
-from granfabric.fem.loads.kinds import Displacement, Fixed, Pressure, Stage
-from granfabric.fem.loads.problem import Problem
-from granfabric.fem.mesh.host_mesh import rectangle
 
 # %%
 # The law
@@ -133,16 +129,16 @@ print(f"tangent against differences: {error:.1e}")
 # ------------------------------------
 # A specimen between rough platens. Newton's iterations show by their residuals that the tangent is right.
 
-space = Space(rectangle(0.05, 0.1, 6, 12), "P2")
-confined = [Pressure("left", 100e3), Pressure("right", 100e3)]
+space = gf.Space(gf.rectangle(0.05, 0.1, 6, 12), "P2")
+confined = [gf.Pressure("left", 100e3), gf.Pressure("right", 100e3)]
 stages = [
-    Stage("initial", [Fixed("bottom"), Fixed("top"), *confined]),
-    Stage("compression", [Displacement("top", "y", -2e-5)], increments=4),
+    gf.Stage("initial", [gf.Fixed("bottom"), gf.Fixed("top"), *confined]),
+    gf.Stage("compression", [gf.Displacement("top", "y", -2e-5)], increments=4),
 ]
-problem = Problem(space, law, stages, initial_stress=(-100e3, -100e3, 0.0))
+problem = gf.Problem(space, law, stages, initial_stress=(-100e3, -100e3, 0.0))
 
 steps = []
-summary = solve(problem, on_step=steps.append)
+summary = gf.solve(problem, on_step=steps.append)
 print("finished:", summary.finished)
 for step in steps:
     force = step.reactions["top"][1] / 0.05

@@ -13,13 +13,12 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import spsolve
 
-from granfabric.constitutive.law import ContactLaw
-from granfabric.constitutive.parameters import Material
+import granfabric as gf
 
-material = Material(
+material = gf.Material(
     coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9, bulk_reduction=0.88, shear_reduction=0.69
 )
-law = ContactLaw([material])
+law = gf.ContactLaw([material])
 
 # %%
 # Many points at once
