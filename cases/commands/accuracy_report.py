@@ -14,7 +14,7 @@ from granfabric.cases.scene import build
 from granfabric.cases.scene.accuracy import Choice
 from granfabric.cases.scene.effects_choice import recorded, resolve_effects, settled
 from granfabric.cases.scene.point_path import legs_of
-from granfabric.cases.terminal.interruption import stop_wish
+from granfabric.cases.terminal.interruption import interrupt_request
 
 from .accuracy_field import load_step_error
 
@@ -109,7 +109,7 @@ def report(loaded: Any, record: Any, screen: Any) -> None:
     else:
         entry["expected"] = expected(choice)
         entry["mesh"] = record.details["mesh_error"]["stress"]
-        with record.phase("accuracy"), stop_wish(lambda: screen.say("no estimate of the load steps")) as stop:
+        with record.phase("accuracy"), interrupt_request(lambda: screen.say("no estimate of the load steps")) as stop:
             entry["load_steps"] = load_step_error(loaded, record.folder, stop)
         screen.say(_field_text(choice, entry, record))
     record.details["accuracy"] = entry

@@ -17,7 +17,7 @@ from granfabric.cases.scene.material_file import material_text, read_material, r
 from granfabric.cases.scene.measured import Inputs, as_data, from_data, inputs_of, measure_inputs, refused, warnings
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.compile_watch import CompileWatch, watching
-from granfabric.cases.terminal.interruption import StopWish, stop_wish
+from granfabric.cases.terminal.interruption import InterruptRequest, interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.dem_ref.dynamics.motion import UnstableMotionError
 from granfabric.dem_ref.dynamics.packing import PackingError, make_packing
@@ -91,7 +91,7 @@ def run_dem(
     record = Record(folder, loaded.name, resolved(loaded, None), scene_file=owner.place)
     with (
         watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
-        stop_wish(screen.announce_stop) as stop,
+        interrupt_request(screen.announce_stop) as stop,
         ExitStack() as hold,
     ):
         kept: tuple[Sample | None, DemRun | None] = (None, None)
@@ -167,13 +167,13 @@ def _kept(folder: Path, options: RunOptions) -> tuple[Sample | None, DemRun | No
         raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
 
 
-def _packing(scene: Any, record: Record, screen: Screen, stop: StopWish, watch: CompileWatch) -> Sample:
+def _packing(scene: Any, record: Record, screen: Screen, stop: InterruptRequest, watch: CompileWatch) -> Sample:
     """The packing, made and stored."""
     with screen.progress("packing", 1.0) as advance, record.phase("packing", watch):
 
         def report(text: str, fraction: float) -> None:
             advance(fraction, text)
-            if stop.wished:
+            if stop.requested:
                 raise _Stopped
 
         packing = scene.packing
@@ -261,7 +261,7 @@ def _load(
     sample: Sample,
     record: Record,
     screen: Screen,
-    stop: StopWish,
+    stop: InterruptRequest,
     watch: CompileWatch,
 ) -> None:
     """Carry the sample along its path, on from the checkpoint if there is one."""

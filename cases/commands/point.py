@@ -7,7 +7,7 @@ from pathlib import Path
 
 from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
-from granfabric.cases.effects.resolve import settle_point
+from granfabric.cases.effects.resolve import resolve_point
 from granfabric.cases.field import memory
 from granfabric.cases.records import files
 from granfabric.cases.records.record import Record, resolved, versions
@@ -17,7 +17,7 @@ from granfabric.cases.scene.effects_choice import resolve_effects
 from granfabric.cases.scene.point_path import legs_of, remarks
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.compile_watch import watching
-from granfabric.cases.terminal.interruption import stop_wish
+from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.constitutive.path import PathHistory, drive
 
@@ -67,7 +67,7 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
     for text in remarks(loaded.scene):
         screen.say(text)
     with watching(screen.announce_compilation(COMPILATION_SECONDS)) as early:
-        loaded, decision = settle_point(loaded)
+        loaded, decision = resolve_point(loaded)
     effects_report.announce(decision, None, screen)
     scene = loaded.scene
     effects = resolve_effects(scene)
@@ -80,7 +80,7 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
         record.write()
         screen.keep_log(folder / files.LOG, versions())
         total = sum(leg.increments for leg in legs)
-        with stop_wish(screen.announce_stop) as stop:
+        with interrupt_request(screen.announce_stop) as stop:
             with (
                 watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
                 screen.progress(loaded.name, total) as advance,
@@ -105,7 +105,7 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
             except OSError as error:
                 raise record.broken_off(f"results cannot be written: {error}") from error
             record.details["steps"] = len(rows) - 1
-            record.outcome = "finished" if history.finished else "stopped" if stop.wished else "failed"
+            record.outcome = "finished" if history.finished else "stopped" if stop.requested else "failed"
             record.message = history.message
             record.write()
         if scene.output.pictures:

@@ -13,10 +13,9 @@ import numpy as np
 
 from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
-from granfabric.cases.effects.resolve import settle_field
+from granfabric.cases.effects.resolve import resolve_field
 from granfabric.cases.errors import InputError
-from granfabric.cases.field import comparison, initial_balance, mesh_table
-from granfabric.cases.field import mesh_error_estimate as mesh_judgement
+from granfabric.cases.field import comparison, initial_balance, mesh_error_estimate, mesh_table
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.records import files, resumption
 from granfabric.cases.records.field_history import FieldHistory
@@ -27,7 +26,7 @@ from granfabric.cases.scene import effects_choice
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.compile_watch import CompileWatch, watching
 from granfabric.cases.terminal.early_kernels import EarlyKernels
-from granfabric.cases.terminal.interruption import stop_wish
+from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.constitutive import warm_up as constitutive_warm_up
 from granfabric.fem import warm_up as fem_warm_up
@@ -82,7 +81,7 @@ def run_field(
     since, owner = time.perf_counter(), loaded.owner
     with (
         watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
-        stop_wish(screen.announce_stop) as stop,
+        interrupt_request(screen.announce_stop) as stop,
         ExitStack() as hold,
     ):
         files.check_output(folder, owner, overwrite or resume)
@@ -96,7 +95,7 @@ def run_field(
         second_order = loaded.scene.mesh.element.endswith("2")
         mesh_table.show(prepared.problem.space.host_mesh, screen, second_order)
         waited = 0.0 if earlier is not None else _compile(kernels, watch, stop, loaded.scene.output.pictures)
-        loaded, prepared, decision = settle_field(loaded, prepared, earlier, stop())
+        loaded, prepared, decision = resolve_field(loaded, prepared, earlier, stop())
         problem = prepared.problem
         record = Record(
             folder, loaded.name, resolved(loaded, prepared.effects), scene_file=owner.place, since=since
@@ -133,7 +132,7 @@ def run_field(
             effects_report.announce(decision, problem.law.description.linear_response, screen)
         balance = initial_balance.Balance(problem)
         if earlier is not None:
-            initial_balance.take_up(balance, earlier, record)
+            initial_balance.continue_from(balance, earlier, record)
         initial_balance.announce(balance, loaded, problem, record, screen)
         with (
             screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
@@ -146,10 +145,10 @@ def run_field(
                 )
                 files.remove_unfinished(folder)
                 record.write()
-                ways = effects_audit.Ways(problem)
+                stress_paths = effects_audit.StressPaths(problem)
 
                 def on_step(step: StepResult) -> None:
-                    ways.add(step)
+                    stress_paths.add(step)
                     initial_balance.report_release(balance, step, record, screen)
                     recorder(step)
 
@@ -169,19 +168,19 @@ def run_field(
                 raise record.broken_off(f"results cannot be written any more: {error}") from error
             except KeyboardInterrupt as error:
                 raise record.broken_off("interrupted within a step") from error
-        _finish(record, summary, stop.wished, balance)
+        _finish(record, summary, stop.requested, balance)
         if summary.failed_point is not None and record.outcome == "failed":
             write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
         record.timing["compilation"] = watch.seconds + waited
         audit = None
-        if record.outcome == "finished" and resumed is None:  # else the ways of the first part are not known
+        if record.outcome == "finished" and resumed is None:  # else the stress_paths of the first part are not known
             with record.phase("audit", watch):
-                audit = effects_audit.audit_field(loaded, problem, ways)
+                audit = effects_audit.audit_field(loaded, problem, stress_paths)
         if record.outcome == "finished" and loaded.scene.closed_form is not None:
             comparison.write(folder, record, comparison.compare(loaded, problem, recorder.last))
         if record.outcome == "finished":
             with record.phase("mesh_error", watch):
-                mesh_judgement.judge(folder, record, problem, recorder.last)
+                mesh_error_estimate.estimate(folder, record, problem, recorder.last)
         record.write()
         if loaded.scene.output.pictures:
             from granfabric.cases.pictures.draw import draw
@@ -192,7 +191,7 @@ def run_field(
         if record.outcome == "finished":
             checkpoints.remove()
     _report(history, summary, record, screen)
-    mesh_judgement.report(record, screen)
+    mesh_error_estimate.report(record, screen)
     comparison.report(record, screen)
     if audit is not None:
         effects_audit.conclude(audit, loaded, record, screen)

@@ -1,8 +1,8 @@
-"""After a run: what was left out is tried on the ways that points really went, and what it would have changed is told.
+"""After a run: what was left out is tried on the stress paths that points followed, and what it would change is told.
 
 A boundary-value problem keeps the strains of some points, spread over its area and those at the extremes of the probe.
-When it is done, the law goes the same ways with each effect that was off, and the difference in stress over p, strain,
-z and a_c is the neglected contribution. Above the tolerance on more than 1 % of the area it is a warning.
+When it is done, the law follows the same stress paths with each effect that was off, and the difference in stress over
+p, strain, z and a_c is the neglected contribution. Above the tolerance on more than 1 % of the area it is a warning.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ from granfabric.fem.loads.problem import Problem
 from .numbers import numbers, quantile
 from .probe import Paths, index_of, network_of_state
 from .sample import spread_over_area
-from .trial import QUANTITIES, Trial, differences, drive_point, follow, loosened, stiffness
+from .trial import QUANTITIES, Trial, differences, drive_point, follow, stiffness, with_tolerance
 
 Array = NDArray[np.float64]
 
 POINTS = 128
-"""Points whose ways are kept."""
+"""Points whose stress paths are kept."""
 NODES = 60
 """Steps that are gone through again; beyond, every second goes, or more."""
 REVERSAL = 0.02
@@ -89,8 +89,8 @@ class Audit:
     stress_ratio: float
 
 
-class Ways:
-    """Ways of some points of a boundary-value problem, collected step by step.
+class StressPaths:
+    """Stress paths of some points of a boundary-value problem, collected step by step.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class Ways:
         self._state.append(step.state[self.points])
 
     def paths(self) -> tuple[Paths, Trial]:
-        """The ways, and the outcome of the run along them."""
+        """The stress paths, and the outcome of the run along them."""
         problem, points = self._problem, self.points
         last = len(self._strain) - 1
         nodes = np.unique(np.linspace(0, last, min(last, NODES) + 1).round().astype(int))
@@ -145,7 +145,7 @@ class Ways:
         return paths, outcome
 
 
-def audit_field(loaded: LoadedScene, problem: Problem, ways: Ways) -> Audit:
+def audit_field(loaded: LoadedScene, problem: Problem, stress_paths: StressPaths) -> Audit:
     """What was left out of a finished boundary-value problem.
 
     Parameters
@@ -154,9 +154,9 @@ def audit_field(loaded: LoadedScene, problem: Problem, ways: Ways) -> Audit:
         With everything decided.
     problem : Problem
         As it was run.
-    ways : Ways
+    stress_paths : StressPaths
     """
-    paths, outcome = ways.paths()
+    paths, outcome = stress_paths.paths()
     law = _loose_law(loaded)
 
     def run(other: ContactLaw) -> Trial:
@@ -203,7 +203,7 @@ def audit_point(loaded: LoadedScene, history: PathHistory) -> Audit:
 def _loose_law(loaded: LoadedScene) -> ContactLaw:
     """The law of the run with looser substeps, but with all its directions: fewer would differ from the run by more."""
     law = build.law(loaded, everything(loaded.scene).effects)
-    numerics = loosened(law.integration, tolerance(loaded.scene), law.integration.directions)
+    numerics = with_tolerance(law.integration, tolerance(loaded.scene), law.integration.directions)
     return ContactLaw(law.materials, law.closure, law.effects, numerics)
 
 

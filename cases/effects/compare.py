@@ -38,7 +38,7 @@ class Outcome:
         Processor time of the computation, nothing written.
     counters : dict of str to int
         Of the host; empty for a point.
-    one_way : bool
+    uncoupled : bool
     finished : bool
     """
 
@@ -46,7 +46,7 @@ class Outcome:
     keys: list[tuple[str, float]]
     seconds: float
     counters: dict[str, int]
-    one_way: bool
+    uncoupled: bool
     finished: bool
 
 

@@ -40,7 +40,7 @@ from granfabric.constitutive.parameters import Closure, ParameterError
 from .numbers import Numbers, numbers, quantile
 from .probe import Paths, ProbeError, field_paths
 from .sample import sample
-from .trial import Trial, differences, drive_point, follow, largest, loosened, shortened, stiffness
+from .trial import Trial, differences, drive_point, follow, largest, shortened, stiffness, with_tolerance
 
 Array = NDArray[np.float64]
 
@@ -199,7 +199,7 @@ def decide_field(loaded: LoadedScene, prepared: Prepared, timed: bool = False) -
 
 def _base_law(loaded: LoadedScene) -> ContactLaw:
     law = build.law(loaded, everything(loaded.scene).effects)
-    return ContactLaw(law.materials, law.closure, law.effects, loosened(law.integration, tolerance(loaded.scene)))
+    return ContactLaw(law.materials, law.closure, law.effects, with_tolerance(law.integration, tolerance(loaded.scene)))
 
 
 def _decide(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from granfabric.fem.accounting import Accounting
 from granfabric.fem.equilibrium.control import StepControl
-from granfabric.fem.equilibrium.linear_solution import CourseError, LinearCourse
+from granfabric.fem.equilibrium.linear_solution import CourseError, LinearSolution
 from granfabric.fem.equilibrium.residual import Equilibrium
 from granfabric.fem.loads.problem import Problem
 
@@ -102,12 +102,12 @@ def field_paths(problem: Problem, control: StepControl) -> Paths:
     most = max(1, min(PIECES, MOST_NODES // len(problem.stages)))
     stride = 1 + (len(problem.stages) * most + 1) * problem.space.npoints // MOST_VALUES
     try:
-        course = LinearCourse(problem, system)
+        solution = LinearSolution(problem, system)
         stiffness = system.material.tangent_start
         stresses = [problem.initial_stress[::stride]]
         strains = [np.zeros_like(stresses[0])]
         for stage in problem.stages:
-            change = course.next_stage().strain[::stride]
+            change = solution.next_stage().strain[::stride]
             response = np.einsum("pij,pj->pi", stiffness[::stride], change)
             pieces = min(most, stage.increments)
             before, stress = strains[-1], stresses[-1]

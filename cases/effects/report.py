@@ -47,7 +47,7 @@ def shown_error(value: float) -> str:
     return "not followed" if math.isinf(value) else "0" if value == 0.0 else f"{value:.1e}"
 
 
-def lines(decision: Decision, one_way: bool | None) -> list[str]:
+def lines(decision: Decision, uncoupled: bool | None) -> list[str]:
     """Three lines: what is on, what was left out and why that may be, what the probe saw."""
     shown = [name for name in decision.chosen.names() if name != MEMORY]
     first = f"effects: {', '.join(shown) or 'none'}; force_change = {decision.chosen.force_change}"
@@ -69,8 +69,8 @@ def lines(decision: Decision, one_way: bool | None) -> list[str]:
     )
     if facts.low_pressure_share > 0.0:
         third += f", pressure nearly gone on {facts.low_pressure_share:.1%} of the area"
-    if one_way is not None:
-        third += "; " + ("displacements by one linear solve a stage" if one_way else "stiffness follows the state")
+    if uncoupled is not None:
+        third += "; " + ("displacements by one linear solve a stage" if uncoupled else "stiffness follows the state")
     if decision.note:
         third += f"; {decision.note}"
     return [first, second, third]
@@ -101,9 +101,9 @@ def table(decision: Decision, points: int) -> tuple[list[str], list[list[str]]]:
     return heads, rows
 
 
-def announce(decision: Decision, one_way: bool | None, screen: Screen) -> None:
+def announce(decision: Decision, uncoupled: bool | None, screen: Screen) -> None:
     """The three lines on screen."""
-    for text in lines(decision, one_way):
+    for text in lines(decision, uncoupled):
         screen.say(text)
 
 

@@ -16,7 +16,7 @@ from .probe import index_of, network_of_state
 SETTLED = "the scene leaves nothing to decide"
 
 
-def settle_point(loaded: LoadedScene) -> tuple[LoadedScene, Decision]:
+def resolve_point(loaded: LoadedScene) -> tuple[LoadedScene, Decision]:
     """Decide a point scene.
 
     Raises
@@ -34,7 +34,7 @@ def settle_point(loaded: LoadedScene) -> tuple[LoadedScene, Decision]:
     return effects_choice.settled(loaded, decision.chosen), decision
 
 
-def settle_field(
+def resolve_field(
     loaded: LoadedScene, prepared: Prepared, earlier: dict[str, Any] | None = None, hasty: bool = False
 ) -> tuple[LoadedScene, Prepared, Decision]:
     """Decide a boundary-value problem, or take over what an earlier part of the run decided.

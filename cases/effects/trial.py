@@ -52,7 +52,7 @@ class Trial:
     columns: int
 
 
-def loosened(integration: Integration, tolerance: float, directions: int = DIRECTIONS) -> Integration:
+def with_tolerance(integration: Integration, tolerance: float, directions: int = DIRECTIONS) -> Integration:
     """Numerics of a trial: errors well below the differences that are looked for, and a bound on the work."""
     return replace(
         integration,

@@ -133,7 +133,7 @@ def announce(balance: Balance, loaded: LoadedScene, problem: Problem, record: Re
         screen.say(text)
 
 
-def take_up(balance: Balance, earlier: dict[str, Any], record: Record) -> None:
+def continue_from(balance: Balance, earlier: dict[str, Any], record: Record) -> None:
     """Go on with what the earlier part of a run told about released supports."""
     told = [entry for entry in earlier.get("released", []) if isinstance(entry, dict) and "stage" in entry]
     if told:

@@ -15,7 +15,7 @@ from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.loads.problem import Problem
 
 
-def judge(folder: Path, record: Record, problem: Problem, last: StepResult) -> None:
+def estimate(folder: Path, record: Record, problem: Problem, last: StepResult) -> None:
     """Estimate the error of the stress change at the end of a run.
 
     Writes `mesh_error.vtu`: for each cell `stress_error`, its share of the error (the squares add up to that of the
@@ -35,7 +35,7 @@ def judge(folder: Path, record: Record, problem: Problem, last: StepResult) -> N
 
 
 def report(record: Record, screen: Screen) -> None:
-    """Say what the mesh errs by, if it was judged."""
+    """Say the estimated error of the mesh, if there is one."""
     found = record.details.get("mesh_error")
     if found is not None:
         x, y = found["place"]

@@ -28,7 +28,7 @@ class CourseError(ArithmeticError):
 
 
 @dataclass(frozen=True)
-class StageCourse:
+class StageSolution:
     """Straight way of one stage.
 
     Parameters
@@ -48,7 +48,7 @@ class StageCourse:
     solves: int
 
 
-class LinearCourse:
+class LinearSolution:
     """Stages one after the other, each solved once with the stiffness of the initial state.
 
     Parameters
@@ -74,7 +74,7 @@ class LinearCourse:
         if report.failed:
             raise CourseError(f"the initial state has no stiffness: {report.message}")
 
-    def next_stage(self) -> StageCourse:
+    def next_stage(self) -> StageSolution:
         """Solve the next stage.
 
         Raises
@@ -107,4 +107,4 @@ class LinearCourse:
             self._internal = self._internal + system.forces.tangent_times(tangent, change, system.scratch)
             self._displacement = self._displacement + change
         self._done += 1
-        return StageCourse(start, change, strain, solves)
+        return StageSolution(start, change, strain, solves)

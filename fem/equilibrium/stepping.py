@@ -22,7 +22,7 @@ from .newton import StepOutcome, newton_step
 from .residual import Equilibrium
 from .results import FailedPoint, RunSummary, StageStart, StepResult
 from .stage_start import external_force, stage_start, target_displacement
-from .uncoupled import OneWayRun
+from .uncoupled import UncoupledRun
 
 __all__ = ["ControlError", "FailedPoint", "RunSummary", "StageStart", "StepControl", "StepResult", "solve"]
 
@@ -49,7 +49,7 @@ def solve(
 ) -> RunSummary:
     """Run all stages.
 
-    A law with a linear stress response is not iterated on, see `fem.one_way`; all others are, step by step.
+    A law with a linear stress response is not iterated on, see `fem.uncoupled`; all others are, step by step.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def solve(
     LinearSolverError
         If the chosen linear solver is not installed.
     """
-    kind = OneWayRun if problem.law.description.linear_response else _Run
+    kind = UncoupledRun if problem.law.description.linear_response else _Run
     run = kind(problem, control or StepControl(), on_step, stop, on_checkpoint, clock)
     if isinstance(resume, Checkpoint):
         return run.execute(resume.result, resume.memory)
@@ -171,7 +171,7 @@ class _Run:
                 raise ControlError(f"the checkpoint has a {name} of shape {given.shape}, this problem {ours.shape}")
         system.material.tangent_start[:] = memory.tangent
         system.force_scale = memory.force_scale
-        self._accounting.take_up(memory.counters, memory.seconds)
+        self._accounting.continue_from(memory.counters, memory.seconds)
         try:
             system.restore_factor(memory.factor)
         except FactorisationError as error:

@@ -22,7 +22,7 @@ from granfabric.fem.vectors import Array, norm
 from .checkpoint import Checkpoint, SolverMemory
 from .control import ControlError, StepControl
 from .initial import boundary_sums, named_nodes
-from .linear_solution import CourseError, LinearCourse, StageCourse
+from .linear_solution import CourseError, LinearSolution, StageSolution
 from .residual import Equilibrium
 from .results import FailedPoint, RunSummary, StepResult
 from .stage_start import external_force
@@ -36,7 +36,7 @@ SMALLEST_PROPOSAL = 0.1
 ROUNDING_MULTIPLE = 1e3
 
 
-class OneWayRun:
+class UncoupledRun:
     """A run of a problem whose law has a linear stress response; arguments as of `fem.stepping.solve`.
 
     Results are handed out at every `StepControl.report_every`-th step, steps being the equal increments of the stages
@@ -73,12 +73,12 @@ class OneWayRun:
         first, fraction = 0, 0.0
         index = 0
         try:
-            course = LinearCourse(self._problem, self._system)
+            solution = LinearSolution(self._problem, self._system)
             if resume is not None:
                 first, fraction = self._restore(resume), resume.fraction
             for index in range(len(stages)):
                 before = self._accounting.factorisations
-                way = course.next_stage()
+                way = solution.next_stage()
                 done = self._accounting.factorisations - before
                 if index < first:
                     continue
@@ -127,7 +127,7 @@ class OneWayRun:
         seconds = dict(self._accounting.seconds)
         for name in self._accounting.counters():
             setattr(self._accounting, name, 0)
-        self._accounting.take_up(memory.counters, memory.seconds)
+        self._accounting.continue_from(memory.counters, memory.seconds)
         logger.info("the course of the stages was solved again in %.2f s", sum(seconds.values()))
 
     def _wanted(self, index: int, fraction: float) -> list[tuple[int, float]]:
@@ -140,7 +140,7 @@ class OneWayRun:
             if step / number > fraction and ((before + step) % self._control.report_every == 0 or step == number)
         ]
 
-    def _stage(self, index: int, way: StageCourse, fraction: float, factorisations: int) -> float:
+    def _stage(self, index: int, way: StageSolution, fraction: float, factorisations: int) -> float:
         """Follow the states through a stage; the fraction reached at the last result.
 
         Solves and factorisations of the stage are told with its first result.
@@ -172,7 +172,7 @@ class OneWayRun:
             solves, factorisations = 0, 0
         return fraction
 
-    def _advance(self, index: int, way: StageCourse, end: float) -> int:
+    def _advance(self, index: int, way: StageSolution, end: float) -> int:
         """States at a position within the stage; substeps over all points, -1 if a point cannot get there."""
         control, material = self._control, self._system.material
         if not way.strain.any():
@@ -255,7 +255,7 @@ class OneWayRun:
     def _result(
         self,
         index: int,
-        way: StageCourse,
+        way: StageSolution,
         step: int,
         fraction: float,
         external: Array,

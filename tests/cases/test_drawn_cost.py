@@ -360,9 +360,9 @@ def test_findings_on_effects_and_decisions() -> None:
         "biaxial test: gravest is contact_loss alone, 2.0e-02 (coordination).",
     ]
     decided = [
-        {"setting": "a", "facet": "point", "within": 1, "one_way": 0, "speedup": 9.0},
-        {"setting": "b", "facet": "field", "within": 0, "one_way": 1, "speedup": 2.0},
-        {"setting": "c", "facet": "field", "within": 1, "one_way": 0, "speedup": 3.24},
+        {"setting": "a", "facet": "point", "within": 1, "uncoupled": 0, "speedup": 9.0},
+        {"setting": "b", "facet": "field", "within": 0, "uncoupled": 1, "speedup": 2.0},
+        {"setting": "c", "facet": "field", "within": 1, "uncoupled": 0, "speedup": 3.24},
     ]
     assert decisions.findings(decided) == [
         "2 of 3 scenes stay within their tolerance; not b.", "Displacements by one linear solve a stage: b.",

@@ -246,7 +246,7 @@ def test_quantiles_are_of_the_area():
 def test_the_problem_of_the_decided_scene_starts_from_the_same_state(tmp_path):
     loaded = field(tmp_path, PRESS)
     prepared = prepare(loaded)
-    _, made, decision = effects_settle.settle_field(loaded, prepared)
+    _, made, decision = effects_settle.resolve_field(loaded, prepared)
     assert made.problem.law.effects == decision.chosen.effects
     ours, theirs = made.problem, prepared.problem
     column = ours.law.description.columns("coordination")

@@ -134,7 +134,7 @@ def test_the_study_of_effects_compares_each_set_with_everything(monkeypatch: pyt
     assert [row["relative_time"] for row in table.values()] == [1.0, 0.5, 0.25]
     assert [row["count"] for row in table.values()] == [11, 7, 11]
     row = table["without a"]
-    assert (row["quantity"], row["factorisations"], row["linear_solves"], row["one_way"]) == ("coordination", 3, 5, 0)
+    assert (row["quantity"], row["factorisations"], row["linear_solves"], row["uncoupled"]) == ("coordination", 3, 5, 0)
     # stress and state twice, strain and its increment, two tangents: 8 bytes each
     assert row["state_columns"] == 7 and row["memory_per_point"] == 8 * (2 * (3 + 7) + 6 + 18)
     assert row["facet"] == "biaxial" and table["everything"]["on_front"] == 1
@@ -152,13 +152,13 @@ def test_the_study_of_decisions_compares_the_decided_run_with_everything(monkeyp
 
     monkeypatch.setattr(decisions, "run_point", run)
     monkeypatch.setattr(decisions, "decide_point", lambda given: Decision(chosen, error=0.01, tolerance=0.05))
-    row = decisions.judge(loaded)
+    row = decisions.compared(loaded)
     assert asked == [chosen, full]
     assert row["error"] == pytest.approx(0.04, rel=1e-9) and row["estimate"] == 0.01 and row["tolerance"] == 0.05
     assert (row["seconds"], row["seconds_everything"], row["speedup"]) == (1.0, 3.0, 3.0)
     assert (row["within"], row["finished"], row["left_out"], row["quantity"]) == (1, 1, "contact_gain", "coordination")
     monkeypatch.setattr(decisions, "decide_point", lambda given: Decision(chosen, error=0.01, tolerance=0.03))
-    assert decisions.judge(loaded)["within"] == 0
+    assert decisions.compared(loaded)["within"] == 0
 
 
 def test_runs_with_and_without_loss_of_contacts_do_lie_apart() -> None:

@@ -107,10 +107,10 @@ def test_a_stopped_field_run_goes_on_from_marked_texts(
 ) -> None:
     (tmp_path / "own.toml").write_text(FIELD)
     out = tmp_path / "out"
-    from granfabric.cases.terminal.interruption import StopWish
+    from granfabric.cases.terminal.interruption import InterruptRequest
 
     with monkeypatch.context() as patch:
-        patch.setattr(StopWish, "__call__", lambda self: (out / "result_0001.vtu").is_file())
+        patch.setattr(InterruptRequest, "__call__", lambda self: (out / "result_0001.vtu").is_file())
         granfabric("run", tmp_path / "own.toml", "-o", out)
     assert json.loads((out / "run.json").read_text())["outcome"] != "finished"
     for name in ("run.json", "history.csv"):

@@ -206,9 +206,9 @@ def test_a_resumed_run_keeps_what_was_said(
     with monkeypatch.context() as patch:
         from contextlib import contextmanager
 
-        from granfabric.cases.terminal.interruption import StopWish
+        from granfabric.cases.terminal.interruption import InterruptRequest
 
-        patch.setattr(StopWish, "__call__", lambda self: self.wished)
+        patch.setattr(InterruptRequest, "__call__", lambda self: self.requested)
 
         @contextmanager
         def interrupting(self: Screen, what: str, total: float):

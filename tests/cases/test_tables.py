@@ -20,8 +20,7 @@ from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.audit import Audit, Neglected
 from granfabric.cases.effects.decision import Decision, Judged
 from granfabric.cases.effects.numbers import Numbers
-from granfabric.cases.field import closed_forms, comparison
-from granfabric.cases.field import mesh_error_estimate as mesh_judgement
+from granfabric.cases.field import closed_forms, comparison, mesh_error_estimate
 from granfabric.cases.records import files
 from granfabric.cases.scene import catalogue, measured
 from granfabric.cases.scene.effects_choice import EffectSet
@@ -467,7 +466,7 @@ def test_the_mesh_is_judged_by_the_change_of_stress_region_by_region(
     assert len(np.unique(region)) > 1
     found = stress_error(space, last.stress - problem.initial_stress, region)
     record: Any = SimpleNamespace(details={})
-    mesh_judgement.judge(tmp_path, record, problem, last)
+    mesh_error_estimate.estimate(tmp_path, record, problem, last)
     assert record.details["mesh_error"]["stress"] == found.relative
     worst = space.host_mesh.mesh.p[:, space.host_mesh.mesh.t[:, found.of_cells.argmax()]].mean(axis=1)
     assert record.details["mesh_error"]["place"] == pytest.approx(worst.tolist())
@@ -480,7 +479,7 @@ def test_the_mesh_is_judged_by_the_change_of_stress_region_by_region(
 
 def test_line_on_the_mesh(told: Any) -> None:
     record: Any = SimpleNamespace(details={"mesh_error": {"stress": 0.0123, "place": [0.25, 1.5]}})
-    mesh_judgement.report(record, Screen())
+    mesh_error_estimate.report(record, Screen())
     assert told.lines == [
         "mesh: stress changes err by about 1.2 % of their norm (estimate), most near (0.25, 1.5) m: mesh_error.vtu"
     ]

@@ -457,7 +457,7 @@ def test_doubtful_inputs_are_marked_with_their_packing(monkeypatch: pytest.Monke
     }
     results = {number: SimpleNamespace(measured=inputs) for number, inputs in measured.items()}
     store: Any = SimpleNamespace(complete=lambda number, report, stop: results[number])
-    assert verify._judge(store, [1, 2], Screen(), SimpleNamespace(wished=False)) == [*results.values()]  # type: ignore
+    assert verify._measured(store, [1, 2], Screen(), SimpleNamespace(requested=False)) == [*results.values()]  # type: ignore
     assert told.lines == [
         "seed 1: slip = 0.2 +- 0.3: its error is larger than itself",
         "seed 2: fluctuation is not measured: this packing does not give it",

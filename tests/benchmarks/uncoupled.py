@@ -4,7 +4,7 @@ The same scene is run with the stiffness following the state (Newton's method, a
 stiffness of the initial state (one linear solve a stage, states afterwards), in one process, by processor time. The
 states of the second are asked for at every step, at every tenth, and at the ends of stages alone; nothing is written in
 any of them. Run with
-``NUMBA_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/one_way.py [nx] [--steps 50]``.
+``NUMBA_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/uncoupled.py [nx] [--steps 50]``.
 """
 
 from __future__ import annotations
