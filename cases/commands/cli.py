@@ -291,10 +291,11 @@ def mesh(
             "--parts", metavar="WORD", help="Of a .msh file: joined (one body), or separate (bodies, cracks)."
         ),
     ] = None,
+    quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:
     """Look at a mesh: its boundaries and regions with their sizes, and a picture with their names."""
-    with _speaking(False, verbose) as screen:
+    with _speaking(quiet, verbose) as screen:
         screen.quiet = False  # what it says is what it is for
         from .mesh import run_mesh
 
@@ -310,9 +311,14 @@ def schema() -> None:
 
 
 @app.command()
-def effects(scene: SceneArgument, assignments: SetOption = None, verbose: VerboseOption = False) -> None:
+def effects(
+    scene: SceneArgument,
+    assignments: SetOption = None,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
+) -> None:
     """Decide which effects a scene needs, and say why."""
-    with _speaking(False, verbose) as screen:
+    with _speaking(quiet, verbose) as screen:
         screen.quiet = False  # what it says is all that it does
         from granfabric.cases.scene.reader import load
 

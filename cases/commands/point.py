@@ -10,6 +10,7 @@ from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.resolve import resolve_point
 from granfabric.cases.field import memory
 from granfabric.cases.records import files
+from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import start_state
 from granfabric.cases.scene import build
@@ -140,6 +141,12 @@ def _report(history: PathHistory, record: Record, screen: Screen) -> None:
         )
     if record.outcome != "finished":
         screen.say(f"{record.outcome} after {record.details['steps']} steps: {record.message}", insist=True)
+    ratios = [q / p if p > 0.0 else 0.0 for p, q in zip(columns["p"], columns["q"])]
+    pulls = pulling_stress(record.scene, [int(step) for step in columns["step"]], ratios)
+    if pulls:
+        screen.say(pulls)
+        record.details["pulling"] = pulls
+        record.write()
     screen.say(
         f"{record.details['steps']} steps in {record.timing['path']:.2f} s "
         f"(compilation {record.timing['compilation']:.1f} s); results in {record.folder}"

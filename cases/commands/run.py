@@ -20,6 +20,7 @@ from granfabric.cases.field.prepare import prepare
 from granfabric.cases.records import files, resumption
 from granfabric.cases.records.field_history import FieldHistory
 from granfabric.cases.records.field_recorder import FieldRecorder
+from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import write_failed_point
 from granfabric.cases.scene import effects_choice
@@ -274,6 +275,11 @@ def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: 
             f"rates were clipped at the limit of realisability, at up to {max(limited)} of "
             f"{size['integration_points']} points, first in step {columns['step'][first]}"
         )
+    pulls = pulling_stress(record.scene, columns["step"], columns["stress_ratio_largest"], " at some points")
+    if pulls:
+        screen.say(pulls)
+        record.details["pulling"] = pulls
+        record.write()
     if record.outcome != "finished":
         where = f"{record.outcome} in stage {summary.stage!r} at {summary.fraction:.0%}"
         screen.say(f"{where}: {record.message}", insist=True)

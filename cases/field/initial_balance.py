@@ -16,6 +16,8 @@ from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.loads.problem import Problem
 from granfabric.fem.vectors import Array
 
+from .adding_loads import adding
+
 WARNED = 1e-2
 """Share of the nodal forces out of balance from which a run warns."""
 IN_BALANCE = 1e-9
@@ -126,10 +128,10 @@ def percent(share: float) -> str:
 
 
 def announce(balance: Balance, loaded: LoadedScene, problem: Problem, record: Record, screen: Screen) -> None:
-    """Say and record how the initial state is balanced, and which loads pull."""
+    """Say and record how the initial state is balanced; say which loads pull, and which add to others."""
     record.details["initial_imbalance"] = balance.as_data()
     screen.say(balance.text())
-    for text in pulling(loaded, problem):
+    for text in (*pulling(loaded, problem), *adding(loaded, problem.space.host_mesh)):
         screen.say(text)
 
 

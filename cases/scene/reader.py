@@ -76,6 +76,11 @@ class LoadedScene:
         """A key as a user counts it, see `keys.label`."""
         return label(keys, self.scene)
 
+    @property
+    def called(self) -> str:
+        """What a command finds the scene by: its name if it is shipped, else its file."""
+        return self.name if self.file.is_relative_to(catalogue.HOME) else str(self.file)
+
     def require(self, kind: str) -> None:
         """See that the scene is of a kind.
 
@@ -87,7 +92,7 @@ class LoadedScene:
         if self.scene.kind != kind:
             raise InputError(
                 f"{self.file}: kind = {self.scene.kind!r} is not {KIND_NAMES[kind]}; "
-                f"use `granfabric {COMMANDS[self.scene.kind]} {self.name}`"
+                f"use `granfabric {COMMANDS[self.scene.kind]} {self.called}`"
             )
 
     def error(self, keys: Sequence[Any], text: str) -> InputError:

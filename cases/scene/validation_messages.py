@@ -158,7 +158,8 @@ def _complaint(
         wanted = (
             f"exactly {least}" if least == most else f"at least {least}" if kind == "too_short" else f"at most {most}"
         )
-        return f"{key} = {shown} has {context['actual_length']} entries, it needs {wanted}"
+        of = "characters" if isinstance(value, str) else "entries"
+        return f"{key} = {shown} has {context['actual_length']} {of}, it needs {wanted}"
     if kind in TYPE_NAMES:
         return f"{key} = {shown} is not {TYPE_NAMES[kind]}"
     return f"{key} = {shown} is not legal: {problem['msg'][:1].lower()}{problem['msg'][1:]}"

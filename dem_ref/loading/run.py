@@ -76,6 +76,13 @@ class RunOptions:
     step: float = STEP
     damping: float = DAMPING
 
+    def __post_init__(self) -> None:
+        given = [self.segments] if isinstance(self.segments, Segment) else list(self.segments)
+        for segment in given:
+            if not isinstance(segment, Segment):
+                raise SampleError(f"a run consists of segments, of the class Segment, not of {segment!r}")
+        object.__setattr__(self, "segments", tuple(given))
+
     def fingerprint(self) -> str:
         """JSON text that two equal sets of options share."""
         return json.dumps(asdict(self), sort_keys=True)

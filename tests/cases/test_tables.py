@@ -160,6 +160,40 @@ def test_legs_that_end_at_their_largest_strain_are_told(sign: float) -> None:
     ]
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_legs_that_run_past_their_end_are_told(sign: float) -> None:
+    """Loaded too fast, a packing is far beyond the stress ratio when the loading is stopped."""
+    segments = [Segment(shear_strain=sign * 0.01, stress_ratio=sign * 0.2)] * 2
+    ratio = sign * np.array([0.0, 0.66, 0.209])
+    history = {
+        "segment": np.array([0, 1, 2]), "stress_xx": -1e5 * (1 - ratio), "stress_yy": -1e5 * (1 + ratio),
+        "stress_xy": 0.0 * ratio,
+    }  # fmt: skip
+    options = SimpleNamespace(segments=segments)
+    run: Any = SimpleNamespace(history=lambda: history, options=options, reason="", segment=2)
+    assert dem._not_reached(run, [1, 2]) == [
+        f"leg 1 ran past its end, to q/p = {sign * 0.66:.3f} instead of {sign * 0.2:g}: the loading is too fast for "
+        "the packing (see [rates])"
+    ]
+
+
+def test_doubts_are_told_to_those_who_want_it_quiet(told: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What could not be measured, what the law will refuse and a leg that was not ended."""
+    insisted: list[str] = []
+    monkeypatch.setattr(Screen, "say", lambda _, text, insist=False: insisted.append(text) if insist else None)
+    values = Inputs({"weak_contact_ratio": -1.9}, {"weak_contact_ratio": 17.0})
+    details = {"measured": as_data(values), "not_reached": ["leg 1 ran past its end"], "packing": {
+        "particles": 50, "void_ratio": 0.2, "coordination": 3.9, "coordination_without_rattlers": 4.0}}  # fmt: skip
+    columns = ("strain_xx", "strain_yy", "q", "inertial_number", "unbalanced_force", *dem._TABLE)
+    h = {name: np.zeros(2) for name in columns} | {"p": np.ones(2), "segment": np.array([0, 1])}
+    record: Any = SimpleNamespace(
+        details=details, outcome="finished", timing={}, folder="there", scene={"title": "made up"}
+    )
+    dem._report(SimpleNamespace(history=lambda: h), record, Screen())  # type: ignore[arg-type]
+    assert insisted[0] == "leg 1 ran past its end" and insisted[1].startswith("material.toml: weak_contact_ratio")
+    assert len(insisted) == 2
+
+
 def test_sliding_is_measured_on_the_first_leg_and_told(
     told: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
