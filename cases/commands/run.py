@@ -203,10 +203,10 @@ def run_field(
 def _last_checkpoint(checkpoints: CheckpointFolder, earlier: dict[str, Any], screen: Screen) -> Checkpoint | None:
     """Where to go on; None if the run had not accepted a step yet."""
     try:
-        resumed, complaints = checkpoints.load()
+        resumed, damages = checkpoints.load()
     except CheckpointError as error:
         raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
-    for text in complaints:
+    for text in damages:
         screen.say(f"{text}; going on from the one before")
     other = resumption.other_versions(earlier)
     if other:

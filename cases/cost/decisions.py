@@ -165,7 +165,7 @@ STUDY = Study(
         Column("tolerance", "error that may be left"),
         Column("estimate", "error expected beforehand"),
         Column("error_at_worst_point", "the largest of all points"),
-        Column("quantity", "what errs most"),
+        Column("quantity", "quantity with the largest error"),
         Column("left_out", "what was decided to be left out"),
         Column("memory", "whether the closure has a memory of weak forces"),
         Column("seconds_everything", "processor time with everything", "s"),

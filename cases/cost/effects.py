@@ -151,7 +151,7 @@ def findings(table: Sequence[Row]) -> list[str]:
         if small:
             fastest = min(small, key=lambda row: row["relative_time"])
             said.append(
-                f"{title}: {fastest['setting']} errs by {fastest['error']:.1e} and takes "
+                f"{title}: {fastest['setting']} has an error of {fastest['error']:.1e} and takes "
                 f"{fastest['relative_time']:.0%} of the time of everything."
             )
         gravest = max(members, key=lambda row: row["error"])
@@ -174,7 +174,7 @@ STUDY = Study(
     columns=(
         *COMMON_COLUMNS,
         Column("error_at_worst_point", "the same at the worst point"),
-        Column("quantity", "what errs most"),
+        Column("quantity", "quantity with the largest error"),
         Column("relative_time", "processor time over that of everything"),
         Column("state_columns", "state columns of a point"),
         Column("memory_per_point", "memory of stress, strain, state and tangents of a point", "B"),

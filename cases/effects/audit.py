@@ -64,8 +64,8 @@ class Neglected:
         Mean over the area, exceeded on less than 1 % of the area, and at the worst point; of the quantity that differs
         most. Infinite where the law could not follow a point with what was left out.
     quantity : str
-    share : float
-        Share of the area above the tolerance.
+    fraction : float
+        Fraction of the area above the tolerance.
     region : str
         Where that is.
     warn : bool
@@ -76,7 +76,7 @@ class Neglected:
     most: float
     largest: float
     quantity: str
-    share: float
+    fraction: float
     region: str
     warn: bool
 
@@ -118,13 +118,13 @@ class StressPaths:
         nodes = np.unique(np.linspace(0, last, min(last, NODES) + 1).round().astype(int))
         strain, stress = np.array(self._strain)[nodes], np.array(self._stress)[nodes]
         coordination, fabric = network_of_state(problem)
-        share = np.full(len(points), 1.0 / len(points))
+        fraction = np.full(len(points), 1.0 / len(points))
         if len(points) == problem.space.npoints:
-            share = problem.space.weights / problem.space.weights.sum()
+            fraction = problem.space.weights / problem.space.weights.sum()
         paths = Paths(
             strain,
             stress,
-            share,
+            fraction,
             problem.space.points[points],
             np.ascontiguousarray(index_of(problem)[points]),
             coordination[points],
@@ -269,11 +269,11 @@ def _region(paths: Paths, points: NDArray[np.bool_], names: Sequence[str | None]
     return text
 
 
-def sentences(audit: Audit, scene: Any) -> list[str]:
+def messages(audit: Audit, scene: Any) -> list[str]:
     """A warning for each effect that should not have been left out, and one line on the rest."""
     found, stress_ratio = audit.neglected, audit.stress_ratio
     said = [
-        f"warning: {entry.name} is off and would have changed {_words(entry)} on {entry.share:.0%} of the area "
+        f"warning: {entry.name} is off and would have changed {_words(entry)} on {entry.fraction:.0%} of the area "
         f"({entry.region}); on the mean {_number(entry.mean)}, tolerance {tolerance(scene):g}; --upgrade turns it on"
         for entry in found
         if entry.warn
@@ -281,8 +281,8 @@ def sentences(audit: Audit, scene: Any) -> list[str]:
     small = [f"{entry.name} {_number(entry.most)}" for entry in found if not entry.warn]
     if small:
         said.append(f"audit of what was left out: {', '.join(small)}")
-    judged = SLIDING in [entry.name for entry in found] or SLIDING in everything(scene).names()
-    if not judged and stress_ratio > KNOWN_STRESS_RATIO:
+    assessed = SLIDING in [entry.name for entry in found] or SLIDING in everything(scene).names()
+    if not assessed and stress_ratio > KNOWN_STRESS_RATIO:
         said.append(
             f"audit: q/p reaches {stress_ratio:.2g} without sliding; beyond {KNOWN_STRESS_RATIO:g} grains slide in "
             "earnest"
@@ -323,5 +323,5 @@ def conclude(audit: Audit, loaded: LoadedScene, record: Record, screen: Screen) 
     """Say and record what was neglected."""
     record.details["audit"] = as_data(audit)
     record.details["upgrade"] = to_upgrade(audit)
-    for text in sentences(audit, loaded.scene):
+    for text in messages(audit, loaded.scene):
         screen.say(text)

@@ -44,7 +44,7 @@ class Paths:
     stress : ndarray, shape (nodes, npt, 3)
         Tension positive [Pa].
     weights : ndarray, shape (npt,)
-        Share of the area that each point stands for; they sum up to one.
+        Fraction of the area that each point stands for; they sum up to one.
     places : ndarray, shape (npt, 2)
         Coordinates [m].
     material_index : ndarray of int32, shape (npt,)

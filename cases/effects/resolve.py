@@ -13,7 +13,7 @@ from granfabric.fem.loads.problem import Problem
 from .decision import Decision, decide_field, decide_point
 from .probe import index_of, network_of_state
 
-SETTLED = "the scene leaves nothing to decide"
+DECIDED_BY_SCENE = "the scene leaves nothing to decide"
 
 
 def resolve_point(loaded: LoadedScene) -> tuple[LoadedScene, Decision]:
@@ -25,13 +25,13 @@ def resolve_point(loaded: LoadedScene) -> tuple[LoadedScene, Decision]:
         If effects contradict each other.
     """
     effects_choice.check(loaded)
-    if effects_choice.is_settled(loaded.scene):
-        decision = Decision(effects_choice.everything(loaded.scene), note=SETTLED)
+    if effects_choice.is_decided(loaded.scene):
+        decision = Decision(effects_choice.everything(loaded.scene), note=DECIDED_BY_SCENE)
     elif loaded.scene.initial.state is not None:
         decision = Decision(effects_choice.everything(loaded.scene), note="initial.state tells what is carried")
     else:
         decision = decide_point(loaded)
-    return effects_choice.settled(loaded, decision.chosen), decision
+    return effects_choice.with_decided(loaded, decision.chosen), decision
 
 
 def resolve_field(
@@ -48,17 +48,17 @@ def resolve_field(
     earlier : dict, optional
         Record of the run to go on with.
     hasty : bool
-        Do not probe, because the user wishes to stop.
+        Do not probe, because the user asks to stop.
     """
     if earlier is not None:
         decision = Decision(effects_choice.recorded(loaded.scene, earlier), note="as the run began")
-    elif effects_choice.is_settled(loaded.scene):
-        decision = Decision(effects_choice.everything(loaded.scene), note=SETTLED)
+    elif effects_choice.is_decided(loaded.scene):
+        decision = Decision(effects_choice.everything(loaded.scene), note=DECIDED_BY_SCENE)
     elif hasty:
         decision = Decision(effects_choice.everything(loaded.scene), note="stopped before it")
     else:
         decision = decide_field(loaded, prepared)
-    made = effects_choice.settled(loaded, decision.chosen)
+    made = effects_choice.with_decided(loaded, decision.chosen)
     return made, with_effects(made, prepared), decision
 
 

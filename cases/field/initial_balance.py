@@ -19,11 +19,11 @@ from granfabric.fem.vectors import Array
 from .adding_loads import adding
 
 WARNED = 1e-2
-"""Share of the nodal forces out of balance from which a run warns."""
+"""Fraction of the nodal forces out of balance from which a run warns."""
 IN_BALANCE = 1e-9
-"""Below this share only rounding and quadrature are out of balance."""
+"""Below this fraction only rounding and quadrature are out of balance."""
 RELEASED = 1e-9
-"""Reactions of released supports below this share of all nodal forces are not worth a line."""
+"""Reactions of released supports below this fraction of all nodal forces are not worth a line."""
 
 
 class Balance:
@@ -59,13 +59,13 @@ class Balance:
         """
         if self.referenced:
             return False
-        far = self.found.share > WARNED
-        return far and (self.starts_loaded or self.found.share_at_end > WARNED)
+        far = self.found.fraction > WARNED
+        return far and (self.starts_loaded or self.found.fraction_at_end > WARNED)
 
     def amount(self) -> str:
         """How much is out of balance, and where."""
         x, y = self.found.place
-        return f"out of balance by {percent(self.found.share)} of the nodal forces, most near ({x:.4g}, {y:.4g}) m"
+        return f"out of balance by {percent(self.found.fraction)} of the nodal forces, most near ({x:.4g}, {y:.4g}) m"
 
     def fate(self) -> str:
         """What happens to the imbalance."""
@@ -73,7 +73,7 @@ class Balance:
             return "constant reference forces balance it from the outset to the end (initial.balance = true)"
         if self.starts_loaded:
             return f'it fades out over stage "{self.stage}"'
-        rest = self.found.share_at_end
+        rest = self.found.fraction_at_end
         loads = "balance it" if rest <= WARNED else f"leave {percent(rest)} unbalanced"
         return (
             f'it fades out over stage "{self.stage}", at whose end the loads {loads} (none acts at the outset, because '
@@ -82,8 +82,8 @@ class Balance:
 
     def text(self) -> str:
         """The line that is said before the first step."""
-        if self.found.share <= IN_BALANCE:
-            return f"initial stress and loads are in balance (to {self.found.share:.0e} of the nodal forces)"
+        if self.found.fraction <= IN_BALANCE:
+            return f"initial stress and loads are in balance (to {self.found.fraction:.0e} of the nodal forces)"
         warning = "warning: " if self.warned else ""
         return f"{warning}initial stress and loads are {self.amount()}; {self.fate()}"
 
@@ -98,14 +98,14 @@ class Balance:
         """For `run.json`."""
         found = self.found
         return {
-            "share": found.share,
-            "share_at_end_of_first_stage": found.share_at_end,
+            "fraction": found.fraction,
+            "fraction_at_end_of_first_stage": found.fraction_at_end,
             "place": list(found.place),
             "sum": found.total,
             "sum_of_acting": found.acting,
             "resultant": list(found.resultant),
             "warned": self.warned,
-            "fate": self.fate() if found.share > IN_BALANCE else "in balance",
+            "fate": self.fate() if found.fraction > IN_BALANCE else "in balance",
         }
 
     def release(self, step: StepResult) -> dict[str, Any] | None:
@@ -121,9 +121,9 @@ class Balance:
         return {"stage": step.stage, "sum": size, "resultant": fading.sum(axis=0).tolist()}
 
 
-def percent(share: float) -> str:
-    """A share in percent, without more digits than it deserves."""
-    value = 100.0 * share
+def percent(fraction: float) -> str:
+    """A fraction in percent, without more digits than it deserves."""
+    value = 100.0 * fraction
     return f"{value:.0f} %" if value >= 9.95 else f"{value:.2g} %" if value >= 1e-2 else f"{value:.0e} %"
 
 
@@ -160,7 +160,7 @@ def report_release(balance: Balance, step: StepResult, record: Record, screen: S
 def pulling(loaded: LoadedScene, problem: Problem) -> list[str]:
     """A warning for each pressure or traction that pulls somewhere on its boundary: grains hold no tension.
 
-    A traction is judged by itself, so only where no pressure acts as well.
+    A traction is assessed by itself, so only where no pressure acts as well.
     """
     said = []
     stages = loaded.scene.stage

@@ -22,8 +22,8 @@ GLYPHS_ALONG = 16
 WIDE = 0.8
 """Width over height from which maps lie above each other."""
 CONTOURS = 9
-SHARE_DRAWN = 0.995
-"""Colours end where this share of the nodes ends, on either side: a singular corner does not grey out the rest."""
+FRACTION_DRAWN = 0.995
+"""Colours end where this fraction of the nodes ends, on either side: a singular corner does not grey out the rest."""
 
 
 def _magnitude(mesh: Any, name: str) -> Array:
@@ -112,7 +112,7 @@ def draw_map(figure: Any, axes: Any, name: str, last: Any, first: Any, cloud: An
     what = MAPS[name]
     values = what.values(last, first)
     grid = Triangulation(last.points[:, 0], last.points[:, 1], series.triangles(last))
-    low, high = (float(bound) for bound in np.quantile(values, [1 - SHARE_DRAWN, SHARE_DRAWN]))
+    low, high = (float(bound) for bound in np.quantile(values, [1 - FRACTION_DRAWN, FRACTION_DRAWN]))
     flat = high - low < 1e-9 * max(abs(high), 1e-12)
     if flat:  # a homogeneous field gets one colour, not magnified rounding
         middle = (low + high) / 2

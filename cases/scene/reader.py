@@ -21,7 +21,7 @@ from .material_file import read_material
 from .owner import Owner
 from .schema import MODELS, TABLE_LISTS, Scene
 from .toml_file import read_table
-from .validation_messages import sentences
+from .validation_messages import messages
 
 BARE_WORD = re.compile(r"(?:\.{0,2}/)*[A-Za-z_][A-Za-z0-9_./-]*")
 """A value of `--set` that is not TOML but looks like this is taken as text: the shell needs no double quotes."""
@@ -223,7 +223,7 @@ def check(
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        found = sentences(error, model, table)
+        found = messages(error, model, table)
         raise several([f"{_origin(file, assigned, keys, included, text)}: {text}" for keys, text in found]) from error
 
 

@@ -85,7 +85,7 @@ def _is_union_member(part: Any) -> bool:
     return text in {"bool", "float", "int", "str", "none"} or text.startswith(("literal[", "list[", "constrained"))
 
 
-def sentences(error: ValidationError, model: type[BaseModel], data: Any) -> list[tuple[list[Any], str]]:
+def messages(error: ValidationError, model: type[BaseModel], data: Any) -> list[tuple[list[Any], str]]:
     """Key and sentence of every error, unknown and missing keys first.
 
     A key that is missing because another one stands there misspelled is not told a second time.
@@ -124,11 +124,11 @@ def sentences(error: ValidationError, model: type[BaseModel], data: Any) -> list
 
 def _describe(problem: Any, keys: list[Any], owner: type[BaseModel] | None, declaration: Any, data: Any) -> str:
     place, key = split(keys, data)
-    text = _complaint(problem, place, key, keys, owner, declaration)
+    text = _message(problem, place, key, keys, owner, declaration)
     return f"{place}: {text}" if place else text
 
 
-def _complaint(
+def _message(
     problem: Any, place: str, key: str, keys: list[Any], owner: type[BaseModel] | None, declaration: Any
 ) -> str:
     kind, context, value = problem["type"], problem.get("ctx", {}), problem["input"]

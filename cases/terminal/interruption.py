@@ -1,4 +1,4 @@
-"""Ctrl-C as a wish to stop after the step under way, not as an accident."""
+"""Ctrl-C as a request to stop after the step under way, not as an accident."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class InterruptRequest:
 @contextmanager
 def interrupt_request(announce: Callable[[], None]) -> Iterator[InterruptRequest]:
     """Catch Ctrl-C and a polite kill (SIGINT, SIGTERM) inside the block. Outside the main thread nothing is caught."""
-    wish = InterruptRequest(announce)
+    request = InterruptRequest(announce)
     if threading.current_thread() is not threading.main_thread():
-        yield wish
+        yield request
         return
-    before = {number: signal.signal(number, wish._on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, request._on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield wish
+        yield request
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -35,7 +35,7 @@ CAPTIONS = (
     "Gaps between neighbours: the packing with the value at zero gap (DEM)",
     "Model against DEM: coordination number, anisotropies and mean force for both loadings",
     "Two cycles of q/p to 0.2 at constant p, and a reversal to -0.2",
-    "Principal axes turned by 180 degrees at constant p and q/p = 0.2",
+    "Principal stress rotation by 180 degrees at constant p and q/p = 0.2",
 )
 
 
@@ -166,7 +166,7 @@ def summary(study: Study) -> str:
         f"`{SOURCE}` is the source's closure with constant a_t, `{SOURCE_CLOSED}` the same with a_t from the "
         "stress-force-fabric relation.",
         "## The closures side by side",
-        "Largest errors on both loadings to q/p = 0.3, on the cycles, on the turn of the axes and in the probes (of "
+        "Largest errors on both loadings to q/p = 0.3, on the cycles, under rotation and in the probes (of "
         "the changes that are larger than 0.01); processor time of an update of one point with its tangent.",
         _closures(study),
         "## Largest errors",

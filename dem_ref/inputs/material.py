@@ -56,10 +56,10 @@ CLOSURE_KEYS = (
 )  # fmt: skip
 
 CLOSING_FORCE = 0.2
-"""Gaps are counted up to the displacement that changes a contact force by this share of the mean force: the density of
-gaps diverges weakly at zero, and loading closes those that lie within such displacements."""
+"""Gaps are counted up to the displacement that changes a contact force by this fraction of the mean force: the density
+of gaps diverges weakly at zero, and loading closes those that lie within such displacements."""
 UNLOADING = 0.05
-"""Share of p taken off to see how the shear modulus falls with the coordination number."""
+"""Fraction of p taken off to see how the shear modulus falls with the coordination number."""
 
 
 ISOTROPIC = 0.01

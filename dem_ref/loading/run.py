@@ -277,7 +277,7 @@ class DemRun:
         self._largest = np.zeros(2)
 
     def completed_fraction(self) -> float:
-        """Rough share of the path that is done."""
+        """Rough fraction of the path that is done."""
         within = 0.0
         if self._loading is not None:
             within = self._loading.state.progress

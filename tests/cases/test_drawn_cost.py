@@ -356,7 +356,7 @@ def test_findings_on_effects_and_decisions() -> None:
         )
     ]  # fmt: skip
     assert effects.findings(table) == [
-        "biaxial test: without stiffness_feedback errs by 4.0e-03 and takes 50% of the time of everything.",
+        "biaxial test: without stiffness_feedback has an error of 4.0e-03 and takes 50% of the time of everything.",
         "biaxial test: gravest is contact_loss alone, 2.0e-02 (coordination).",
     ]
     decided = [

@@ -55,7 +55,7 @@ def test_a_wrongly_forced_effect_is_named_and_upgraded(granfabric: Callable, tmp
     assert plain.code == 0
     assert "warning: principal_rotation is off and would have changed a_c" in plain.out and "--upgrade" in plain.out
     entry = audited(tmp_path / "off")["principal_rotation"]
-    assert entry["warn"] and entry["most"] > 1e-2 and 0.01 < entry["share"] <= 1.0
+    assert entry["warn"] and entry["most"] > 1e-2 and 0.01 < entry["fraction"] <= 1.0
     assert entry["mean"] <= entry["most"] <= entry["largest"]
     assert record(tmp_path / "off")["upgrade"] == ["effects.principal_rotation=true"]
     # the audit's number is the error of that run, found by really running with the effect on

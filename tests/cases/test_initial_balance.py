@@ -67,11 +67,11 @@ displacement = [{ boundary = "top", component = "y", value = -2e-6 }]
 
 FEEDBACK = ("closure.force_change=mean_field", "effects.stiffness_feedback=true", "effects.contact_loss=true")
 FREE = 15 / 16
-"""Share of the sides that is free: half a cell at the node that is held takes the rest."""
-ONE_WAY = ("closure.force_change=mean_field", "effects.stiffness_feedback=false")
+"""Fraction of the sides that is free: half a cell at the node that is held takes the rest."""
+UNCOUPLED = ("closure.force_change=mean_field", "effects.stiffness_feedback=false")
 EARLY = ("solver.smallest_factor=0.1", "integration.maximum_substeps=30")
 """Give up early."""
-BOTH_WAYS = pytest.mark.parametrize("effects", [FEEDBACK, ONE_WAY], ids=["step by step", "one way"])
+BOTH_SOLUTIONS = pytest.mark.parametrize("effects", [FEEDBACK, UNCOUPLED], ids=["coupled", "uncoupled"])
 
 
 @pytest.fixture
@@ -93,7 +93,7 @@ def line(out: str) -> str:
 
 
 def test_percent() -> None:
-    shown = [percent(share) for share in (2.0, 0.384, 0.0951, 0.0123, 0.00034, 3e-15)]
+    shown = [percent(fraction) for fraction in (2.0, 0.384, 0.0951, 0.0123, 0.00034, 3e-15)]
     assert shown == ["200 %", "38 %", "9.5 %", "1.2 %", "0.034 %", "3e-13 %"]
 
 
@@ -104,34 +104,34 @@ def test_shipped_scenes_are_in_balance_or_say_what_balances_them(name: str) -> N
     balance = Balance(problem)
     assert not balance.warned and pulling(loaded, problem) == []
     if name == "strip_footing":
-        assert balance.found.share > 0.5 and "constant reference forces" in balance.text()
+        assert balance.found.fraction > 0.5 and "constant reference forces" in balance.text()
     else:
         # measured: 2e-15 to 9e-14
-        assert balance.found.share < 1e-12
+        assert balance.found.fraction < 1e-12
         assert re.fullmatch(r"initial stress and loads are in balance \(to \de-\d\d of .* forces\)", balance.text())
 
 
-@BOTH_WAYS
-@pytest.mark.parametrize(("weight", "share"), [(-17e3, 0.0), (17e3, 42.7), (-1.7e3, 19.2), (-16.9e3, 0.125)])
-def test_weights(run: Callable, effects: tuple, weight: float, share: float) -> None:
+@BOTH_SOLUTIONS
+@pytest.mark.parametrize(("weight", "fraction"), [(-17e3, 0.0), (17e3, 42.7), (-1.7e3, 19.2), (-16.9e3, 0.125)])
+def test_weights(run: Callable, effects: tuple, weight: float, fraction: float) -> None:
     """The right one, one upwards, one ten times too small, and one rounded: a warning from 1 % on."""
     result, told = run(COLUMN, f"stage.0.body_force=[{{value=[0.0, {weight}]}}]", *effects)
     assert result.code == 0, result.err
     said = line(result.out)
     entry = told["initial_imbalance"]
-    if share == 0.0:
-        assert "are in balance" in said and entry["share"] < 1e-12 and not entry["warned"]
+    if fraction == 0.0:
+        assert "are in balance" in said and entry["fraction"] < 1e-12 and not entry["warned"]
         return
-    assert said.startswith("warning: ") == entry["warned"] == (share > 1.0)
-    assert f"out of balance by {percent(entry['share'])} of the nodal forces, most near (" in said
+    assert said.startswith("warning: ") == entry["warned"] == (fraction > 1.0)
+    assert f"out of balance by {percent(entry['fraction'])} of the nodal forces, most near (" in said
     assert said.endswith('it fades out over stage "initial"')
-    assert 100 * entry["share"] == pytest.approx(share, rel=0.02)
+    assert 100 * entry["fraction"] == pytest.approx(fraction, rel=0.02)
     # before the first step, and beside the results
     assert result.out.index(said) < result.out.index("means and extremes")
     assert said in (Path(told["scene_file"]).parent / "out" / "run.log").read_text()
 
 
-@BOTH_WAYS
+@BOTH_SOLUTIONS
 def test_a_pressure_of_the_wrong_sign_is_told_and_told_again_when_the_run_fails(run: Callable, effects: tuple) -> None:
     wrong = "stage.0.pressure=[{boundary='left', value=-100e3}, {boundary='right', value=100e3}]"
     both = "stage.0.pressure=[{boundary='left', value=-100e3}, {boundary='right', value=-100e3}]"
@@ -148,7 +148,7 @@ def test_a_pressure_of_the_wrong_sign_is_told_and_told_again_when_the_run_fails(
 
 
 def test_a_gradient_that_turns_a_pressure_into_a_pull(run: Callable) -> None:
-    result, _ = run(SPECIMEN, "stage.0.pressure.0.gradient=[0.0, -3e6]", *ONE_WAY)
+    result, _ = run(SPECIMEN, "stage.0.pressure.0.gradient=[0.0, -3e6]", *UNCOUPLED)
     assert "pressure 1: the pressure on 'left' is -2e+05 Pa, which pulls" in result.out
 
 
@@ -172,7 +172,7 @@ def test_a_failure_that_has_other_reasons_does_not_speak_of_the_initial_state(ru
     assert result.code == 1 and told["outcome"] == "failed" and "balance" not in told["message"]
 
 
-@BOTH_WAYS
+@BOTH_SOLUTIONS
 def test_reference_forces_are_told_and_not_warned_of(run: Callable, effects: tuple) -> None:
     result, told = run(SPECIMEN, "stage.0.pressure=[]", "initial.balance=true", *effects)
     said = line(result.out)
@@ -181,7 +181,7 @@ def test_reference_forces_are_told_and_not_warned_of(run: Callable, effects: tup
     assert not told["initial_imbalance"]["warned"] and result.code == 0
 
 
-@BOTH_WAYS
+@BOTH_SOLUTIONS
 @pytest.mark.parametrize(("value", "rest"), [(100e3, 0.0), (50e3, 50.0), (0.0, 100.0)])
 def test_a_first_stage_of_another_name(run: Callable, effects: tuple, value: float, rest: float) -> None:
     """Its loads come up while the imbalance fades out: a warning only if they do not take its place."""
@@ -192,10 +192,10 @@ def test_a_first_stage_of_another_name(run: Callable, effects: tuple, value: flo
     assert 'not named "initial"' in said
     assert said.startswith("warning: ") == (rest > 1.0)
     assert ("the loads balance it" if not rest else f"the loads leave {FREE * rest:.0f} % unbalanced") in said
-    assert 100 * told["initial_imbalance"]["share_at_end_of_first_stage"] == pytest.approx(FREE * rest, abs=1e-9)
+    assert 100 * told["initial_imbalance"]["fraction_at_end_of_first_stage"] == pytest.approx(FREE * rest, abs=1e-9)
 
 
-@BOTH_WAYS
+@BOTH_SOLUTIONS
 def test_a_resumed_run_keeps_what_was_said(
     run: Callable, effects: tuple, granfabric: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -225,7 +225,7 @@ def test_a_resumed_run_keeps_what_was_said(
     assert line(resumed.out) == line(whole.out)
 
 
-@BOTH_WAYS
+@BOTH_SOLUTIONS
 def test_released_supports_are_told_with_what_they_carried(run: Callable, effects: tuple) -> None:
     last = '\n[[stage]]\nname = "free"\nkeep = false\nincrements = 1\n' + SPECIMEN.split("increments = 2\n")[1].replace(
         ', { boundary = "top", components = ["y"] }', ""

@@ -18,7 +18,7 @@ from granfabric.cases.commands.convergence import Level
 from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.audit import Audit, Neglected
-from granfabric.cases.effects.decision import Decision, Judged
+from granfabric.cases.effects.decision import AssessedEffect, Decision
 from granfabric.cases.effects.numbers import Numbers
 from granfabric.cases.field import closed_forms, comparison, mesh_error_estimate
 from granfabric.cases.records import files
@@ -393,13 +393,13 @@ def test_table_of_convergence(
 
 FACTS = Numbers(
     stress_ratio=0.31, stress_ratio_way=0.6, off_axis=0.042, turn_degrees=33.0, pressure_rise=0.2, pressure_fall=0.5,
-    reversal=0.11, gain_bound=3.2e-4, loss=0.145, stiffness_change=0.27, low_pressure_share=0.012,
+    reversal=0.11, gain_bound=3.2e-4, loss=0.145, stiffness_change=0.27, low_pressure_fraction=0.012,
 )  # fmt: skip
 
 
-def judged(name: str, on: bool, error: float, largest: float, quantity: str, **more: Any) -> Judged:
+def assessed(name: str, on: bool, error: float, largest: float, quantity: str, **more: Any) -> AssessedEffect:
     values = {"asked": "auto", "columns": 2, "time_ratio": 1.37, **more}
-    return Judged(name, values["asked"], on, error, largest, quantity, values["columns"], values["time_ratio"])
+    return AssessedEffect(name, values["asked"], on, error, largest, quantity, values["columns"], values["time_ratio"])
 
 
 def decision() -> Decision:
@@ -409,11 +409,11 @@ def decision() -> Decision:
     return Decision(
         chosen,
         [
-            judged("contact_loss", True, 0.21, 0.33, "coordination"),
-            judged("contact_gain", False, 2e-4, 4e-4, "fabric", columns=0, time_ratio=np.nan),
-            judged("principal_rotation", False, 0.05, 0.09, "stress", asked=False),
-            judged("sliding", False, 0.0, 0.0, "", columns=5),
-            judged("force_change", True, np.inf, np.inf, "strain", asked=True, columns=-1),
+            assessed("contact_loss", True, 0.21, 0.33, "coordination"),
+            assessed("contact_gain", False, 2e-4, 4e-4, "fabric", columns=0, time_ratio=np.nan),
+            assessed("principal_rotation", False, 0.05, 0.09, "stress", asked=False),
+            assessed("sliding", False, 0.0, 0.0, "", columns=5),
+            assessed("force_change", True, np.inf, np.inf, "strain", asked=True, columns=-1),
         ],
         3e-4, 0.01, FACTS,
     )  # fmt: skip
@@ -445,7 +445,8 @@ def test_lines_on_effects() -> None:
         "it matters: principal_rotation 5.0e-02"
     )
     assert third == (
-        "elastic probe: q/p to 0.31, axes turn 33 deg, ln p -0.5 to +0.2, pressure nearly gone on 1.2% of the area; "
+        "elastic probe: q/p to 0.31, principal stress rotation 33 deg, ln p -0.5 to +0.2, "
+        "pressure nearly gone on 1.2% of the area; "
         "stiffness follows the state"
     )
     assert effects_report.lines(decision(), True)[2].endswith("; displacements by one linear solve a stage")
@@ -472,7 +473,7 @@ def test_sentences_of_the_audit() -> None:
         ("coordination", "z by up to 4.0e-01"), ("fabric", "a_c by up to 4.0e-01"),
     ):  # fmt: skip
         audit = Audit([entry("contact_gain", True, quantity), entry("principal_rotation", False)], 0.1)
-        warning, rest = effects_audit.sentences(audit, scene)
+        warning, rest = effects_audit.messages(audit, scene)
         assert warning == (
             f"warning: contact_gain is off and would have changed {words} on 25% of the area (x = 0 ... 1 m); on the "
             "mean 2.0e-02, tolerance 0.01; --upgrade turns it on"
@@ -482,9 +483,9 @@ def test_sentences_of_the_audit() -> None:
     assert effects_audit.to_upgrade(audit) == [
         'closure.force_change="shifted_distribution"', "effects.contact_gain=true"
     ]  # fmt: skip
-    assert effects_audit.sentences(audit, scene)[-1].startswith("audit: q/p reaches 0.31 without sliding; beyond 0.25")
+    assert effects_audit.messages(audit, scene)[-1].startswith("audit: q/p reaches 0.31 without sliding; beyond 0.25")
     data = effects_audit.as_data(Audit([entry("contact_gain", True, largest=np.inf)], 0.1))[0]
-    assert (data["mean"], data["most"], data["largest"], data["share"]) == (0.02, 0.03, "without bound", 0.25)
+    assert (data["mean"], data["most"], data["largest"], data["fraction"]) == (0.02, 0.03, "without bound", 0.25)
 
 
 # the mesh, accuracy, scenes
@@ -515,7 +516,7 @@ def test_line_on_the_mesh(told: Any) -> None:
     record: Any = SimpleNamespace(details={"mesh_error": {"stress": 0.0123, "place": [0.25, 1.5]}})
     mesh_error_estimate.report(record, Screen())
     assert told.lines == [
-        "mesh: stress changes err by about 1.2 % of their norm (estimate), most near (0.25, 1.5) m: mesh_error.vtu"
+        "mesh: estimated error of the stress changes 1.2 % of their norm, largest near (0.25, 1.5) m: mesh_error.vtu"
     ]
 
 
