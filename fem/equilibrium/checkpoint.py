@@ -66,7 +66,10 @@ class SolverMemory:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """An accepted step and what solvers remember; `fem.stepping.solve` goes on from it with the same bits."""
+    """An accepted step and what solvers remember.
+
+    `granfabric.fem.equilibrium.stepping.solve` goes on from it with the same bits.
+    """
 
     result: StepResult
     memory: SolverMemory

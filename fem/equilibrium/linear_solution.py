@@ -1,4 +1,4 @@
-"""The course of a linear problem: one linear solve a stage, because within a stage everything moves in proportion.
+"""Solution of a linear problem: one linear solve a stage, because within a stage everything moves in proportion.
 
 Where the stiffness at every point is that of the initial state and stays so, displacements, strains and stresses of a
 stage go along straight lines from its start to its end. One factorisation serves all stages that hold the same degrees
@@ -23,7 +23,7 @@ from .stage_start import external_force, stage_start, target_displacement
 RESIDUAL = 1e-12
 
 
-class CourseError(ArithmeticError):
+class LinearSolutionError(ArithmeticError):
     """The linear problem of a stage has no solution; the text says why."""
 
 
@@ -59,7 +59,7 @@ class LinearSolution:
 
     Raises
     ------
-    CourseError
+    LinearSolutionError
         If a point of the initial state has no stiffness.
     """
 
@@ -72,14 +72,14 @@ class LinearSolution:
         self._done = 0
         report = system.material.still_tangent("elastic")
         if report.failed:
-            raise CourseError(f"the initial state has no stiffness: {report.message}")
+            raise LinearSolutionError(f"the initial state has no stiffness: {report.message}")
 
     def next_stage(self) -> StageSolution:
         """Solve the next stage.
 
         Raises
         ------
-        CourseError
+        LinearSolutionError
         """
         problem, system, index = self._problem, self._system, self._done
         terms = problem.program.terms[index]
@@ -100,7 +100,7 @@ class LinearSolution:
             try:
                 change[system.free] += system.linear_solve(right_hand_side, RESIDUAL, committed=True, guess=None)
             except FactorisationError as error:
-                raise CourseError(f"the stiffness cannot be solved: {error}") from error
+                raise LinearSolutionError(f"the stiffness cannot be solved: {error}") from error
             solves = 1
         with system.accounting.phase("state"):
             strain = system.forces.strain(change, np.empty((problem.space.npoints, 3)))

@@ -141,7 +141,7 @@ def build_mesh(
         Sides that are not straight; each must be an element edge.
     parts : {"joined", "separate"}
         "joined": the mesh has to be one body. "separate" admits several bodies, bodies that touch without being
-        joined, and cracks whose faces have nodes of their own; see `fem.mesh_topology`.
+        joined, and cracks whose faces have nodes of their own; see `granfabric.fem.mesh.topology`.
     remarks : tuple of str
         Kept with the mesh.
 
