@@ -142,7 +142,7 @@ class Screen:
         """Short table, numbers to the right, columns of words to the left."""
         table = Table(box=None, pad_edge=False)
         for name in names:
-            table.add_column(name, justify="left" if name in words else "right", no_wrap=True)
+            table.add_column(Text(name), justify="left" if name in words else "right", no_wrap=True)
         for row in rows:
             table.add_row(*(Text(cell) for cell in row))  # names with brackets are no markup
         if not self.quiet:

@@ -441,8 +441,8 @@ def test_lines_on_effects() -> None:
         "effects: contact_loss, stiffness_feedback, irreversible_spread; force_change = shifted_distribution"
     )
     assert second == (
-        "left out (error each): contact_gain 2.0e-04; together 3.0e-04, tolerance 0.01; off as the scene says although "
-        "it matters: principal_rotation 5.0e-02"
+        "left out (estimated error of each): contact_gain 2.0e-04; together 3.0e-04, tolerance 0.01; switched off by "
+        "the scene, error above the tolerance: principal_rotation 5.0e-02"
     )
     assert third == (
         "elastic probe: q/p to 0.31, principal stress rotation 33 deg, ln p -0.5 to +0.2, "
@@ -547,3 +547,10 @@ def test_list_of_scenes(granfabric: Callable) -> None:
             name = line.split()[0]
             found[name] = (kind, line.strip()[len(name) :].strip())
     assert found == {name: (entry.kind, entry.title) for name, entry in catalogue.shipped().items()}
+
+
+def test_units_stay_in_the_head_of_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+    """A unit in brackets that begins with a letter looks like markup."""
+    Screen().table("Title [Pa]", ["group", "p [kPa]", "x [m]"], [["[a]", "1", "2"]], ("group",))
+    out = capsys.readouterr().out
+    assert "Title [Pa]" in out and "p [kPa]" in out and "x [m]" in out and "[a]" in out
