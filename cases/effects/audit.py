@@ -50,7 +50,7 @@ NODES = 60
 REVERSAL = 0.02
 """Fall of q/p or ln p from which a closure without memory is called to account although the scene chose it."""
 KNOWN_STRESS_RATIO = 0.25
-"""Stress ratio beyond which grains slide in earnest (DEM of the verification)."""
+"""Stress ratio beyond which sliding at contacts is not negligible (DEM of the verification)."""
 
 
 @dataclass(frozen=True)
@@ -284,8 +284,8 @@ def messages(audit: Audit, scene: Any) -> list[str]:
     assessed = SLIDING in [entry.name for entry in found] or SLIDING in everything(scene).names()
     if not assessed and stress_ratio > KNOWN_STRESS_RATIO:
         said.append(
-            f"audit: q/p reaches {stress_ratio:.2g} without sliding; beyond {KNOWN_STRESS_RATIO:g} grains slide in "
-            "earnest"
+            f"audit: q/p reaches {stress_ratio:.2g} without sliding; beyond {KNOWN_STRESS_RATIO:g} sliding at contacts "
+            "is not negligible (effects.sliding)"
         )
     return said
 

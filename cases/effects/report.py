@@ -55,13 +55,13 @@ def lines(decision: Decision, uncoupled: bool | None) -> list[str]:
     if decision.numbers is None:
         off = [name for name in all_names() if name != MEMORY and not decision.chosen.has(name)]
         return [first, f"off: {', '.join(off) or 'nothing'}", f"no probe: {decision.note}"]
-    second = f"left out (error each): {', '.join(out) or 'nothing'}"
+    second = f"left out (estimated error of each): {', '.join(out) or 'nothing'}"
     if out:
         second += f"; together {shown_error(decision.error)}, tolerance {decision.tolerance:g}"
     forced = [entry for entry in decision.assessed if entry.asked is False and entry.error > decision.tolerance]
     if forced:
         named = ", ".join(f"{entry.name} {shown_error(entry.error)}" for entry in forced)
-        second += f"; off as the scene says although it matters: {named}"
+        second += f"; switched off by the scene, error above the tolerance: {named}"
     facts = decision.numbers
     third = (
         f"elastic probe: q/p to {facts.stress_ratio:.2g}, principal stress rotation {facts.turn_degrees:.0f} deg, ln p "

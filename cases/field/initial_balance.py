@@ -14,6 +14,7 @@ from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.imbalance import InitialImbalance, initial_imbalance
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.loads.problem import Problem
+from granfabric.fem.loads.supports import free_motions
 from granfabric.fem.vectors import Array
 
 from .adding_loads import adding
@@ -22,6 +23,8 @@ WARNED = 1e-2
 """Fraction of the nodal forces out of balance from which a run warns."""
 IN_BALANCE = 1e-9
 """Below this fraction only rounding and quadrature are out of balance."""
+STIFF = 3e6
+"""kn/p above which a pressure in kPa is suspected; packings of hard grains have 1e3 to 1e6."""
 RELEASED = 1e-9
 """Reactions of released supports below this fraction of all nodal forces are not worth a line."""
 
@@ -131,7 +134,8 @@ def announce(balance: Balance, loaded: LoadedScene, problem: Problem, record: Re
     """Say and record how the initial state is balanced; say which loads pull, and which add to others."""
     record.details["initial_imbalance"] = balance.as_data()
     screen.say(balance.text())
-    for text in (*pulling(loaded, problem), *adding(loaded, problem.space.host_mesh)):
+    slips = (*unheld(loaded, problem), *unchanged(loaded), *soft(loaded, problem), *pulling(loaded, problem))
+    for text in (*slips, *adding(loaded, problem.space.host_mesh)):
         screen.say(text)
 
 
@@ -155,6 +159,42 @@ def report_release(balance: Balance, step: StepResult, record: Record, screen: S
         f'stage "{found["stage"]}" releases supports that carried {found["sum"]:.4g} N/m (resultant {x:.4g}, {y:.4g}); '
         "their reactions fade out over it"
     )
+
+
+def unheld(loaded: LoadedScene, problem: Problem) -> list[str]:
+    """A warning for the first stage in which a mesh of one body is free to move as a rigid body."""
+    for place, free in enumerate(free_motions(problem.space, problem.program.terms)):
+        if free:
+            where = loaded.label(["stage", place])
+            return [
+                f"warning: {where}: the supports leave the body free to {free}; hold it by fixed, displacement or "
+                "fixed_point"
+            ]
+    return []
+
+
+def unchanged(loaded: LoadedScene) -> list[str]:
+    """A warning for each stage after the first that sets neither a load nor a support, and releases none."""
+    kinds = ("fixed", "fixed_point", "displacement", "pressure", "traction", "body_force", "closed_form")
+    return [
+        f"warning: {loaded.label(['stage', place])}: the stage has no loads: nothing changes in it (it may have "
+        f"{', '.join(kinds)})"
+        for place, stage in enumerate(loaded.scene.stage)
+        if place and stage.keep and not any(getattr(stage, kind) for kind in kinds)
+    ]
+
+
+def soft(loaded: LoadedScene, problem: Problem) -> list[str]:
+    """A warning if contacts are so stiff for the initial pressure that a unit must have been taken for another."""
+    pressure = float(-0.5 * (problem.initial_stress[:, 0] + problem.initial_stress[:, 1]).mean())
+    materials = list(loaded.scene.materials.values()) or [loaded.scene.material]
+    ratio = max(material.normal_stiffness for material in materials) / pressure if pressure > 0.0 else 0.0
+    if ratio <= STIFF:
+        return []
+    return [
+        f"warning: mean initial pressure {pressure:.4g} Pa, kn/p = {ratio:.1g}: stresses are in Pa, not kPa (100 kPa "
+        "is 100e3)"
+    ]
 
 
 def pulling(loaded: LoadedScene, problem: Problem) -> list[str]:

@@ -200,7 +200,7 @@ def test_the_command_prints_a_table_and_the_run_three_lines_and_a_record(granfab
     assert run.code == 0
     begun = [line.split(":")[0] for line in run.out.splitlines()]
     first = begun.index("effects")
-    assert begun[first : first + 3] == ["effects", "left out (error each)", "elastic probe"]
+    assert begun[first : first + 3] == ["effects", "left out (estimated error of each)", "elastic probe"]
     record = json.loads((tmp_path / "out" / "run.json").read_text())
     entries = {entry["name"]: entry for entry in record["decision"]["effects"]}
     assert entries["contact_gain"]["on"] is False and entries["contact_gain"]["asked"] == "auto"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from granfabric.cases.field.initial_balance import Balance, percent, pulling
+from granfabric.cases.field.initial_balance import Balance, percent, pulling, soft, unchanged, unheld
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.scene.catalogue import shipped
 from granfabric.cases.scene.reader import load
@@ -237,3 +237,55 @@ def test_released_supports_are_told_with_what_they_carried(run: Callable, effect
     assert told["released"][0]["sum"] == pytest.approx(5000.0, rel=1e-9)
     assert told["released"][0]["resultant"] == pytest.approx([0.0, -5000.0], abs=1e-6)
     assert ("(stage \"free\" releases supports that carried 5000 N/m)" in told["message"]) == (result.code == 1)
+
+
+@pytest.mark.parametrize(
+    ("assignments", "said"),
+    [
+        ([], ""),
+        (
+            ["stage.0.fixed=[]", "stage.0.fixed_point=[]"],
+            'warning: stage 1 "initial": the supports leave the body free to move along x and to move along y and to '
+            "turn; hold it by fixed, displacement or fixed_point",
+        ),
+        (
+            ["stage.0.fixed_point=[]"],
+            'warning: stage 1 "initial": the supports leave the body free to move along x; hold it by fixed, '
+            "displacement or fixed_point",
+        ),
+        (
+            ["stage.0.fixed_point=[]", "stage.1.fixed_point=[{point=[0.0, 0.0]}]"],
+            'warning: stage 1 "initial": the supports leave the body free to move along x; hold it by fixed, '
+            "displacement or fixed_point",
+        ),
+        (
+            ["stage.1.keep=false"],
+            'warning: stage 2 "compression": the supports leave the body free to move along x; hold it by fixed, '
+            "displacement or fixed_point",
+        ),
+    ],
+)
+def test_a_body_that_is_not_held_is_told(tmp_path: Path, assignments: list[str], said: str) -> None:
+    (tmp_path / "own.toml").write_text(SPECIMEN)
+    loaded = load(str(tmp_path / "own.toml"), assignments)
+    assert unheld(loaded, prepare(loaded).problem) == ([said] if said else [])
+
+
+def test_a_stage_without_loads_is_told(run: Callable, tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(SPECIMEN)
+    assert unchanged(load(str(tmp_path / "own.toml"))) == []
+    assert unchanged(load(str(tmp_path / "own.toml"), ["stage.1.displacement=[]", "stage.1.keep=false"])) == []
+    result, _ = run(SPECIMEN, "stage.1.displacement=[]", *UNCOUPLED)
+    assert 'warning: stage 2 "compression": the stage has no loads: nothing changes in it' in result.out
+
+
+def test_a_pressure_in_kilopascals_is_told(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(SPECIMEN)
+    found = {}
+    for pressure in (100e3, 1e3, 100.0):
+        loaded = load(str(tmp_path / "own.toml"), [f"initial.stress=[{-pressure}, {-pressure}, 0.0]"])
+        found[pressure] = soft(loaded, prepare(loaded).problem)
+    assert found[100e3] == found[1e3] == []
+    assert found[100.0] == [
+        "warning: mean initial pressure 100 Pa, kn/p = 1e+07: stresses are in Pa, not kPa (100 kPa is 100e3)"
+    ]
