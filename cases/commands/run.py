@@ -39,6 +39,8 @@ from granfabric.fem.output.fields import OutputError
 
 COMPILATION_SECONDS = 60
 """Rough time to compile the kernels of law and host on two cores, for the message on first use."""
+UNBOUNDED = 0.5
+"""q/p of a failed point from which the message tells that only sliding bounds it."""
 
 
 def run_field(
@@ -234,11 +236,27 @@ def _finish(record: Record, summary: RunSummary, stopped: bool, balance: initial
     record.outcome = "finished" if summary.finished else "stopped" if stopped else "failed"
     record.message = summary.message
     if record.outcome == "failed":
-        record.message += balance.reminder(summary.stage)
+        record.message += _failed_place(record, summary) + balance.reminder(summary.stage)
     record.details["counters"] = dict(summary.counters)
     record.details["linear_solver"] = summary.solver
     record.details["reached"] = {"stage": summary.stage, "fraction": summary.fraction}
     record.timing.update(summary.seconds)
+
+
+def _failed_place(record: Record, summary: RunSummary) -> str:
+    """Where the law could not be followed, how far the stress had come there, and what bounds it."""
+    failed = summary.failed_point
+    if failed is None:
+        return ""
+    xx, yy, xy = failed.stress_start.tolist()
+    pressure, deviator = -0.5 * (xx + yy), float(np.hypot(0.5 * (xx - yy), xy))
+    said = f" (point {failed.point} at ({failed.position[0]:.4g}, {failed.position[1]:.4g}) m"
+    ratio = deviator / pressure if pressure > 0.0 else 0.0
+    if ratio:
+        said += f", q/p = {ratio:.3g}"
+    if ratio > UNBOUNDED and not record.scene["effects"]["sliding"]:
+        said += "; without effects.sliding the law has no strength, and q/p grows with the strain"
+    return f"{said}; {files.FAILED_POINT} holds it)"
 
 
 def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: Screen) -> None:

@@ -120,8 +120,8 @@ class CoupledRun(Run):
                 increment = tried * min(max(outcome.proposed_factor, SMALLEST_PROPOSAL), control.cut)
                 if increment < control.smallest_factor * nominal:
                     return fraction, (
-                        f"stage {terms.stage.name!r} came to {fraction:.6g} of its loads; no step larger than "
-                        f"{control.smallest_factor:g} of the nominal one converges: {outcome.reason}"
+                        f"no load step larger than {control.smallest_factor:g} of the nominal one converges: "
+                        f"{outcome.reason}"
                     )
                 continue
             last_correction = (outcome.displacement - system.displacement)[system.free]

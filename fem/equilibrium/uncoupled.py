@@ -137,8 +137,7 @@ class UncoupledRun(Run):
                 )
                 if tried < control.smallest_factor * nominal:
                     self._failure = (
-                        f"stage {self._problem.stages[index].name!r} came to {self._committed:.6g} of its loads; no "
-                        f"step larger than {control.smallest_factor:g} of the nominal one can be followed: "
+                        f"no load step larger than {control.smallest_factor:g} of the nominal one can be followed: "
                         f"{report.message}"
                     )
                     return -1

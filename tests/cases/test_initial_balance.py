@@ -143,6 +143,7 @@ def test_a_pressure_of_the_wrong_sign_is_told_and_told_again_when_the_run_fails(
     assert result.code == 1 and told["outcome"] == "failed"
     assert f"were out of balance by {200 * FREE:.0f} % of the nodal forces, most near" in told["message"]
     assert 'fades out over stage "initial"' in told["message"] and told["message"] in result.out
+    assert re.search(r"\(point \d+ at \(\S+, \S+\) m.*; failed_point.toml holds it\)", told["message"])
     result, _ = run(SPECIMEN, wrong, *effects, *EARLY)
     assert "by 88 % of the nodal forces" in line(result.out) and "pressure 2: the" not in result.out
 
