@@ -131,7 +131,7 @@ def percent(fraction: float) -> str:
 
 
 def announce(balance: Balance, loaded: LoadedScene, problem: Problem, record: Record, screen: Screen) -> None:
-    """Say and record how the initial state is balanced; say which loads pull, and which add to others."""
+    """Say and record how the initial state is balanced; say which loads are tensile, and which add to others."""
     record.details["initial_imbalance"] = balance.as_data()
     screen.say(balance.text())
     slips = (*unheld(loaded, problem), *unchanged(loaded), *soft(loaded, problem), *pulling(loaded, problem))
@@ -198,7 +198,7 @@ def soft(loaded: LoadedScene, problem: Problem) -> list[str]:
 
 
 def pulling(loaded: LoadedScene, problem: Problem) -> list[str]:
-    """A warning for each pressure or traction that pulls somewhere on its boundary: grains hold no tension.
+    """A warning for each pressure or traction that is tensile somewhere on its boundary: grains carry no tension.
 
     A traction is assessed by itself, so only where no pressure acts as well.
     """
@@ -212,14 +212,14 @@ def pulling(loaded: LoadedScene, problem: Problem) -> list[str]:
             if _is_below(values.min(initial=0.0), np.abs(values).max(initial=0.0)):
                 where = loaded.label(["stage", place, "pressure", number])
                 said.append(
-                    f"warning: {where}: the pressure on {load.boundary!r} is {values.min():.4g} Pa, which pulls: "
+                    f"warning: {where}: the pressure on {load.boundary!r} is {values.min():.4g} Pa, tension: "
                     "pressure is compression positive"
                 )
         for number, load in enumerate(stage.traction):
             outward = _outward(problem.space, load.boundary, load.value)
             if load.boundary not in pressed and _is_below(-outward, float(np.hypot(*load.value))):
                 where = loaded.label(["stage", place, "traction", number])
-                said.append(f"warning: {where}: the traction on {load.boundary!r} pulls with {outward:.4g} Pa")
+                said.append(f"warning: {where}: the traction on {load.boundary!r} is tensile, {outward:.4g} Pa")
     return said
 
 

@@ -1,4 +1,4 @@
-"""Stresses that pull: beyond q = p one principal stress is tension, which grains without cohesion do not carry."""
+"""Tensile stresses: beyond q = p one principal stress is tensile, which grains without cohesion do not carry."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ CARRIED = 1.0 + 1e-6
 
 
 def pulling_stress(scene: Mapping[str, Any], steps: Sequence[int], ratios: Sequence[float], points: str = "") -> str:
-    """A warning for a run whose stress pulls; empty if it does not, or a material has a cohesion to pull against.
+    """A warning for a run with a tensile principal stress; empty without one, or if a material has a cohesion.
 
     Parameters
     ----------
@@ -33,5 +33,5 @@ def pulling_stress(scene: Mapping[str, Any], steps: Sequence[int], ratios: Seque
         return ""
     return (
         f"warning: from step {steps[int(beyond[0])]} on q exceeds p{points} (q/p up to {found.max():.3g}): one "
-        "principal stress pulls, which grains without cohesion cannot; take nothing from there on for an answer"
+        "principal stress is tensile, which grains without cohesion cannot carry; results from there on are not valid"
     )

@@ -62,7 +62,7 @@ def test_overview_of_a_dem_run(pictures: dict[str, Any], tmp_path: Path) -> None
         }),
         ("(e) fabric change by contacts", "change of $a_c$ [-]", {
             "lost": columns["fabric_lost"], "gained": columns["fabric_gained"],
-            "persisting (turned)": columns["fabric_persisting"], "net": fabric - fabric[0],
+            "persisting (rotated)": columns["fabric_persisting"], "net": fabric - fabric[0],
         }),
     ]  # fmt: skip
     assert len(figure.axes) == 6
@@ -71,7 +71,7 @@ def test_overview_of_a_dem_run(pictures: dict[str, Any], tmp_path: Path) -> None
         check_curves(axes, x, found)
         check_legend(axes)
     quality = figure.axes[5]
-    assert words(quality) == ("(f) quasi-static? limits dotted", label, "[-]")
+    assert words(quality) == ("(f) quasi-static limits (dotted)", label, "[-]")
     check_curves(quality, x[1:], {
         "unbalanced force": columns["unbalanced_force"][1:], "inertial number": columns["inertial_number"][1:],
     })  # fmt: skip

@@ -138,7 +138,7 @@ def test_a_pressure_of_the_wrong_sign_is_told_and_told_again_when_the_run_fails(
     result, told = run(SPECIMEN, both, *effects, *EARLY)
     said = line(result.out)
     assert said.startswith("warning: ") and f"by {200 * FREE:.0f} % of the nodal forces" in said
-    assert 'warning: stage 1 "initial": pressure 1: the pressure on \'left\' is -1e+05 Pa, which pulls' in result.out
+    assert 'warning: stage 1 "initial": pressure 1: the pressure on \'left\' is -1e+05 Pa, tension' in result.out
     assert "pressure 2: the pressure on 'right'" in result.out
     assert result.code == 1 and told["outcome"] == "failed"
     assert f"were out of balance by {200 * FREE:.0f} % of the nodal forces, most near" in told["message"]
@@ -150,7 +150,7 @@ def test_a_pressure_of_the_wrong_sign_is_told_and_told_again_when_the_run_fails(
 
 def test_a_gradient_that_turns_a_pressure_into_a_pull(run: Callable) -> None:
     result, _ = run(SPECIMEN, "stage.0.pressure.0.gradient=[0.0, -3e6]", *UNCOUPLED)
-    assert "pressure 1: the pressure on 'left' is -2e+05 Pa, which pulls" in result.out
+    assert "pressure 1: the pressure on 'left' is -2e+05 Pa, tension" in result.out
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_tractions_that_pull(tmp_path: Path, traction: str, said: bool) -> None:
     loads = [f"stage.1.traction=[{{boundary='right', value={traction}}}]", "stage.0.pressure=[]"]
     loaded = load(str(tmp_path / "own.toml"), loads)
     warnings = pulling(loaded, prepare(loaded).problem)
-    expected = 'warning: stage 2 "compression": traction 1: the traction on \'right\' pulls with 5000 Pa'
+    expected = 'warning: stage 2 "compression": traction 1: the traction on \'right\' is tensile, 5000 Pa'
     assert warnings == ([expected] if said else [])
     loaded = load(str(tmp_path / "own.toml"), loads[:1])
     assert pulling(loaded, prepare(loaded).problem) == []
