@@ -53,7 +53,7 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwri
     particles : int
         Disks of a packing.
     seeds : int
-        Packings, with seeds 1, 2, ...; the scatter between them is the yardstick of the errors.
+        Packings, with seeds 1, 2, ...; the standard deviation between them measures the errors.
     screen : Screen
     overwrite : bool
         Replace results of a scene too.
