@@ -1,4 +1,4 @@
-"""`granfabric`, and `python -m cases`."""
+"""`granfabric`, and `python -m granfabric`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 def main() -> None:
     """Entry point of the console script; Ctrl-C is answered also while modules are imported."""
     try:
-        from .cli import main as command
+        from granfabric.cases.commands.cli import main as command
 
         command()
     except KeyboardInterrupt:

@@ -8,10 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .contract import Array, LawDescription, TangentKind, UpdateReport
-from .effects import Effects
-from .force_fabric import initial_force_fabric
-from .integrate import (
+from granfabric.constitutive.integration.points import (
     TANGENT_CONTINUUM,
     TANGENT_ELASTIC,
     TANGENT_NONE,
@@ -19,7 +16,7 @@ from .integrate import (
     smallest_step_factor,
     update_points,
 )
-from .lanes import (
+from granfabric.constitutive.lanes.layout import (
     CLOSURE_FRICTIONAL,
     FLUCTUATING,
     HARMONIC,
@@ -29,10 +26,14 @@ from .lanes import (
     SELF_CONSISTENT,
     SHIFTED_DISTRIBUTION,
 )
-from .load_lane import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
+from granfabric.constitutive.lanes.load import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
+from granfabric.constitutive.lanes.runge_kutta import TABLEAUS
+from granfabric.constitutive.network.force_fabric import initial_force_fabric
+from granfabric.constitutive.sliding.checks import check_sliding, initial_hardening
+
+from .contract import Array, LawDescription, TangentKind, UpdateReport
+from .effects import Effects
 from .parameters import CLOSURE_NUMBERS, Closure, Integration, Material, ParameterError, parameter_table
-from .runge_kutta import TABLEAUS
-from .sliding_checks import check_sliding, initial_hardening
 from .state import micro_of_columns, state_variables
 from .threads import run_in_threads
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .contract import Variable
-from .effects import Effects
-from .load_lane import (
+from granfabric.constitutive.lanes.load import (
     M_A1,
     M_A1_REF,
     M_F,
@@ -24,6 +22,9 @@ from .load_lane import (
     M_Z_REF,
     MICRO,
 )
+
+from .contract import Variable
+from .effects import Effects
 
 _ALONG = "component(s) in the double-angle plane"
 

@@ -1,4 +1,4 @@
-"""Compile the law's kernels ahead of their first use: ``python -m constitutive.warm_up``.
+"""Compile the law's kernels ahead of their first use: ``python -m granfabric.constitutive.warm_up``.
 
 A host that prepares its own part meanwhile finds them in the disk cache, and can lend a hand with `compile_late`.
 """
@@ -14,17 +14,17 @@ from numba.core.errors import NumbaError
 
 from .compilation import cache_directory
 
-ENTRY_KERNELS = ("integrate.update_points", "integrate.smallest_step_factor")
+ENTRY_KERNELS = ("points.update_points", "points.smallest_step_factor")
 """Kernels that the law calls; whatever they call in turn is compiled before them."""
 
 
 LATE_KERNELS = (
-    *(("substep", "accept_substep", "wwb"), ("substep", "estimate_error", "wwfbbb")),
-    ("stage", "_differentiate", "wob"),
-    *(("rates", "_close", "wo"), ("rates", "_differentiate", "wo"), ("rates", "_split", "wo")),
-    *(("rates", "_improve", "wo"), ("quadrature_change", "quadrature_change", "wiibbbww")),
-    *(("contact_change", "_gain", "wb"), ("contact_change", "_loss_by_force_anisotropy", "w")),
-    *(("contact_change", "_loss", "wb"), ("arcs", "_from_series", "wb"), ("arcs", "_second_moments", "w")),
+    *(("integration.substep", "accept_substep", "wwb"), ("integration.substep", "estimate_error", "wwfbbb")),
+    ("integration.stage", "_differentiate", "wob"),
+    *(("network.rates", "_close", "wo"), ("network.rates", "_differentiate", "wo"), ("network.rates", "_split", "wo")),
+    *(("network.rates", "_improve", "wo"), ("network.quadrature_change", "quadrature_change", "wiibbbww")),
+    *(("network.contact_change", "_gain", "wb"), ("network.contact_change", "_loss_by_force_anisotropy", "w")),
+    *(("network.contact_change", "_loss", "wb"), ("network.arcs", "_from_series", "wb"), ("network.arcs", "_second_moments", "w")),
 )
 """Module, name and argument types of kernels that `update_points` calls, those that it needs last before the others."""
 
@@ -57,7 +57,7 @@ def compile_late(go_on: Callable[[], bool]) -> list[str]:
     for module, name, letters in LATE_KERNELS:
         if not go_on():
             break
-        kernel = getattr(import_module(f"constitutive.{module}"), name, None)
+        kernel = getattr(import_module(f"{__package__}.{module}"), name, None)
         if kernel is None:
             continue
         missed = sum(kernel.stats.cache_misses.values())

@@ -15,17 +15,17 @@ from pathlib import Path
 
 import numpy as np
 
-from cases.plot_style import BLACK, BLUE, ORANGE, picture
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Material
-from constitutive.path import Leg, drive
-from dem_ref.biaxial import DemRun, RunOptions
-from dem_ref.events import match_contacts
-from dem_ref.material import CLOSURE_KEYS, MATERIAL_KEYS, measure_material
-from dem_ref.measure import contacts_of, force_harmonics
-from dem_ref.packing import make_packing
-from dem_ref.path import biaxial_test
-from dem_ref.weak_contacts import measure_slip
+from granfabric.cases.pictures.style import BLACK, BLUE, ORANGE, picture
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Material
+from granfabric.constitutive.path import Leg, drive
+from granfabric.dem_ref.dynamics.packing import make_packing
+from granfabric.dem_ref.inputs.material import CLOSURE_KEYS, MATERIAL_KEYS, measure_material
+from granfabric.dem_ref.inputs.weak_contacts import measure_slip
+from granfabric.dem_ref.loading.path import biaxial_test
+from granfabric.dem_ref.loading.run import DemRun, RunOptions
+from granfabric.dem_ref.measures.contacts import contacts_of, force_harmonics
+from granfabric.dem_ref.measures.events import match_contacts
 
 AMPLITUDES = (0.0125, 0.025, 0.05, 0.1)
 CLASS = (0.3, 0.5)

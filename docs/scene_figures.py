@@ -14,7 +14,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from cases.catalogue import shipped
+from granfabric.cases.scene.catalogue import shipped
 
 FIGURES = Path(__file__).resolve().parent / "figures"
 WIDTH = 900
@@ -35,9 +35,9 @@ def main(results: Path) -> None:
         folder = results / name
         record = folder / "run.json"
         if not record.is_file() or json.loads(record.read_text())["outcome"] != "finished":
-            command = [sys.executable, "-m", "cases", "run", name, "-o", str(folder), "--set", "output.every=1000"]
+            command = [sys.executable, "-m", "granfabric", "run", name, "-o", str(folder), "--set", "output.every=1000"]
             subprocess.run(command, check=True)
-        subprocess.run([sys.executable, "-m", "cases", "plot", str(folder)], check=True)
+        subprocess.run([sys.executable, "-m", "granfabric", "plot", str(folder)], check=True)
         shrink(folder / "overview.png", FIGURES / f"scene_{name}.png")
         if (folder / "closed_form.png").is_file():
             shrink(folder / "closed_form.png", FIGURES / f"scene_{name}_closed_form.png", WIDTH // 2)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .assembly import ForceAssembler, TangentAssembler
-from .mesh import rectangle
-from .space import Space
+from granfabric.fem.discretisation.assembly import ForceAssembler, TangentAssembler
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.mesh.host_mesh import rectangle
 
 
 def warm_up() -> None:

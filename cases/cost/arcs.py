@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from constitutive.parameters import Closure, Integration, Integrator
+from granfabric.cases.terminal.clock import best_of
+from granfabric.constitutive.parameters import Closure, Integration, Integrator
 
 from .batch import PATH_STRAIN, End, distance, follow, initial_state, law_of, make_batch
-from .clock import best_of
 from .draw import work_precision
 from .front import cheapest, mark_fronts
 from .study import COMMON_COLUMNS, Axes, Column, Effort, Row, Study, StudyError

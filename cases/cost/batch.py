@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Integration, Material
-from constitutive.path import Leg, drive
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Integration, Material
+from granfabric.constitutive.path import Leg, drive
 
 Array = NDArray[np.float64]
 

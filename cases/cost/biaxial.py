@@ -7,20 +7,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from constitutive.law import ContactLaw
-from constitutive.parameters import Integration
-from fem.control import StepControl
-from fem.loads import INITIAL
-from fem.mesh import rectangle
-from fem.problem import Problem
-from fem.results import RunSummary, StepResult
-from fem.space import Space
-from fem.stepping import solve
+from granfabric.cases.field.prepare import stages
+from granfabric.cases.scene import build
+from granfabric.cases.scene.effects_choice import resolve_effects
+from granfabric.cases.scene.reader import load
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Integration
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.control import StepControl
+from granfabric.fem.equilibrium.results import RunSummary, StepResult
+from granfabric.fem.equilibrium.stepping import solve
+from granfabric.fem.loads.kinds import INITIAL
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.mesh.host_mesh import rectangle
 
-from .. import build
-from ..effects_choice import resolve_effects
-from ..prepare import stages
-from ..scene import load
 from .study import StudyError
 
 Array = NDArray[np.float64]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ..errors import InputError, unknown
+from granfabric.cases.errors import InputError, unknown
+
 from . import arcs, closures, decisions, dem, distributions, effects, footing, integrators, load_steps, mesh, tangents
 from .study import Study
 

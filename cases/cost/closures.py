@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Integration
-from dem_ref.biaxial import RunOptions
-from dem_ref.path import Segment, biaxial_test, loading_cycles
+from granfabric.cases.commands.dem import measured_inputs
+from granfabric.cases.pictures.style import picture
+from granfabric.cases.records import files
+from granfabric.cases.terminal.clock import best_of
+from granfabric.cases.verify.model_side import closures, material
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Integration
+from granfabric.dem_ref.loading.path import Segment, biaxial_test, loading_cycles
+from granfabric.dem_ref.loading.run import RunOptions
 
-from .. import files
-from ..dem import measured_inputs
-from ..plot_style import picture
-from ..verify_model import closures, material
-from .clock import best_of
 from .draw import FRONT, LOOKS, log_axes, panel
 from .front import cheapest, mark_fronts
 from .grains import GrainStore, Watch

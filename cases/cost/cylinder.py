@@ -10,14 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from constitutive.linear_elastic import ElasticMaterial, LinearElasticLaw
-from fem.control import StepControl
-from fem.loads import Displacement, Fixed, Load, Stage, Traction
-from fem.mesh import HostMesh, build_mesh
-from fem.problem import Problem
-from fem.results import StepResult
-from fem.space import Space
-from fem.stepping import solve
+from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.control import StepControl
+from granfabric.fem.equilibrium.results import StepResult
+from granfabric.fem.equilibrium.stepping import solve
+from granfabric.fem.loads.kinds import Displacement, Fixed, Load, Stage, Traction
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.mesh.host_mesh import HostMesh, build_mesh
 
 from .study import StudyError
 

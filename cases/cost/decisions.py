@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from .. import catalogue, effects_choice
-from ..effects_choice import MEMORY, EffectSet, all_names, everything
-from ..effects_compare import Outcome, distance, run_field, run_point
-from ..effects_decision import Decision, decide_field, decide_point
-from ..plot_style import BLUE, ORANGE, picture
-from ..prepare import prepare
-from ..scene import LoadedScene, load
+from granfabric.cases.effects.compare import Outcome, distance, run_field, run_point
+from granfabric.cases.effects.decision import Decision, decide_field, decide_point
+from granfabric.cases.field.prepare import prepare
+from granfabric.cases.pictures.style import BLUE, ORANGE, picture
+from granfabric.cases.scene import catalogue, effects_choice
+from granfabric.cases.scene.effects_choice import MEMORY, EffectSet, all_names, everything
+from granfabric.cases.scene.reader import LoadedScene, load
+
 from .front import mark_fronts
 from .study import COMMON_COLUMNS, Column, Effort, Row, Study, StudyError
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_ref.biaxial import RunOptions, at_stress_ratios
-from dem_ref.path import biaxial_test
-from dem_ref.servo import RateLimits
+from granfabric.dem_ref.loading.path import biaxial_test
+from granfabric.dem_ref.loading.run import RunOptions, at_stress_ratios
+from granfabric.dem_ref.loading.servo import RateLimits
 
 from .draw import work_precision
 from .front import cheapest, mark_fronts, slope

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from constitutive.parameters import Closure, Distribution, Integration, Integrator
+from granfabric.cases.pictures.style import picture
+from granfabric.cases.terminal.clock import best_of
+from granfabric.constitutive.parameters import Closure, Distribution, Integration, Integrator
 
-from ..plot_style import picture
 from .batch import PATH_STRAIN, SEED, Batch, End, distance, follow, initial_state, law_of, make_batch
-from .clock import best_of
 from .draw import FRONT, LOOKS, log_axes, panel
 from .front import cheapest, mark_fronts
 from .study import COMMON_COLUMNS, Column, Effort, Row, Study

@@ -16,7 +16,8 @@ from matplotlib.ticker import (
     NullLocator,
 )
 
-from ..plot_style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, picture
+from granfabric.cases.pictures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, picture
+
 from .study import Axes, Row
 
 FRONT = "Pareto front (filled markers)"

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from fem.mesh import rectangle
-from fem.problem import Problem
-from fem.space import Space
+from granfabric.cases.effects.compare import Outcome, distance, run_field
+from granfabric.cases.field.prepare import Prepared, prepare, stages
+from granfabric.cases.pictures.style import BLUE, ORANGE, picture
+from granfabric.cases.scene.effects_choice import EffectSet, all_names, everything
+from granfabric.cases.scene.reader import LoadedScene, load
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.mesh.host_mesh import rectangle
 
-from ..effects_choice import EffectSet, all_names, everything
-from ..effects_compare import Outcome, distance, run_field
-from ..plot_style import BLUE, ORANGE, picture
-from ..prepare import Prepared, prepare, stages
-from ..scene import LoadedScene, load
 from .biaxial import HEIGHT, WIDTH
 from .front import mark_fronts
 from .study import COMMON_COLUMNS, Column, Effort, Row, Study, StudyError

@@ -15,16 +15,16 @@ from pathlib import Path
 
 import numpy as np
 
-from constitutive.von_mises import VonMisesLaw, VonMisesMaterial
-from fem.control import StepControl
-from fem.loads import Displacement, Fixed, Load, Stage
-from fem.mesh import HostMesh, rectangle
-from fem.problem import Problem
-from fem.results import StepResult
-from fem.space import Space
-from fem.stepping import solve
+from granfabric.cases.terminal.clock import LONG, best_of
+from granfabric.constitutive.plain_laws.von_mises import VonMisesLaw, VonMisesMaterial
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.control import StepControl
+from granfabric.fem.equilibrium.results import StepResult
+from granfabric.fem.equilibrium.stepping import solve
+from granfabric.fem.loads.kinds import Displacement, Fixed, Load, Stage
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.mesh.host_mesh import HostMesh, rectangle
 
-from .clock import LONG, best_of
 from .draw import work_precision
 from .front import cheapest, mark_fronts, slope
 from .mesh import ELEMENTS

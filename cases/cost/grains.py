@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dem_ref.biaxial import DemRun, RunOptions
-from dem_ref.compilation import kernel_cache_directory
-from dem_ref.neighbours import CellTooSmallError
-from dem_ref.packing import PackingError, make_packing
-from dem_ref.path import biaxial_test
-from dem_ref.sample import Sample, SampleError, load_sample, save_sample
+from granfabric.cases.records import files
+from granfabric.dem_ref.compilation import kernel_cache_directory
+from granfabric.dem_ref.dynamics.packing import PackingError, make_packing
+from granfabric.dem_ref.loading.path import biaxial_test
+from granfabric.dem_ref.loading.run import DemRun, RunOptions
+from granfabric.dem_ref.sample.disks import Sample, SampleError, load_sample, save_sample
+from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 
-from .. import files
 from .study import StudyError, StudyStopped
 
 Array = NDArray[np.float64]

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from constitutive.parameters import Closure, Integration, Integrator
+from granfabric.cases.terminal.clock import best_of
+from granfabric.constitutive.parameters import Closure, Integration, Integrator
 
 from .batch import Batch, End, distance, follow, initial_state, law_of, make_batch
-from .clock import best_of
 from .draw import work_precision
 from .front import cheapest, mark_fronts, slope
 from .study import COMMON_COLUMNS, Axes, Column, Effort, Row, Study, StudyError

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from constitutive.parameters import Integration
-from fem.control import StepControl
+from granfabric.cases.terminal.clock import best_of
+from granfabric.constitutive.parameters import Integration
+from granfabric.fem.equilibrium.control import StepControl
 
 from .biaxial import Biaxial
-from .clock import best_of
 from .draw import work_precision
 from .front import cheapest, mark_fronts, slope
 from .study import COMMON_COLUMNS, Axes, Column, Effort, Row, Study

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from .clock import best_of
+from granfabric.cases.terminal.clock import best_of
+
 from .cylinder import compute, measure, quarter_ring
 from .draw import work_precision
 from .front import cheapest, mark_fronts, slope

@@ -7,13 +7,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
-from constitutive.contract import TangentKind
-from constitutive.parameters import Integration
-from fem.control import StepControl
+from granfabric.cases.pictures.style import BLACK, BLUE, ORANGE, picture
+from granfabric.cases.terminal.clock import best_of
+from granfabric.constitutive.contract import TangentKind
+from granfabric.constitutive.parameters import Integration
+from granfabric.fem.equilibrium.control import StepControl
 
-from ..plot_style import BLACK, BLUE, ORANGE, picture
 from .biaxial import Biaxial
-from .clock import best_of
 from .front import mark_fronts
 from .study import COMMON_COLUMNS, Column, Effort, Row, Study
 

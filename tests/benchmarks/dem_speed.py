@@ -12,11 +12,11 @@ import time
 
 import numpy as np
 
-from dem_ref.biaxial import DemRun, RunOptions
-from dem_ref.measure import coordination_number
-from dem_ref.motion import Control, Motion
-from dem_ref.packing import make_packing
-from dem_ref.path import biaxial_test
+from granfabric.dem_ref.dynamics.motion import Control, Motion
+from granfabric.dem_ref.dynamics.packing import make_packing
+from granfabric.dem_ref.loading.path import biaxial_test
+from granfabric.dem_ref.loading.run import DemRun, RunOptions
+from granfabric.dem_ref.measures.contacts import coordination_number
 
 
 def million_particle_steps(motion: Motion, seconds: float = 2.0) -> float:

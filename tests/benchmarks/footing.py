@@ -14,13 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from constitutive.von_mises import VonMisesLaw, VonMisesMaterial
-from fem.loads import Displacement, Fixed, Stage
-from fem.mesh import HostMesh, rectangle
-from fem.problem import Problem
-from fem.results import RunSummary
-from fem.space import Space
-from fem.stepping import StepControl, StepResult, solve
+from granfabric.constitutive.plain_laws.von_mises import VonMisesLaw, VonMisesMaterial
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.results import RunSummary
+from granfabric.fem.equilibrium.stepping import StepControl, StepResult, solve
+from granfabric.fem.loads.kinds import Displacement, Fixed, Stage
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.mesh.host_mesh import HostMesh, rectangle
 
 # Mean footing pressure on which FEniCSx, CalculiX and an independent prototype agree, by n.
 REFERENCE = {35: 6.181832, 50: 6.146729, 80: 6.117441}

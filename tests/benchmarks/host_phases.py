@@ -11,14 +11,14 @@ from __future__ import annotations
 import argparse
 import time
 
-from constitutive.law import ContactLaw
-from constitutive.parameters import Material
-from fem.loads import Displacement, Fixed, Pressure, Stage
-from fem.mesh import rectangle
-from fem.problem import Problem
-from fem.results import RunSummary
-from fem.space import Space
-from fem.stepping import StepControl, StepResult, solve
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Material
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.results import RunSummary
+from granfabric.fem.equilibrium.stepping import StepControl, StepResult, solve
+from granfabric.fem.loads.kinds import Displacement, Fixed, Pressure, Stage
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.mesh.host_mesh import rectangle
 
 PRESSURE = 100e3
 

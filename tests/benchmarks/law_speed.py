@@ -16,9 +16,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "constitutive"))
 
 from contact_law_cases import CLOSURES, anisotropic_stress, closure_name, law
 
-from constitutive.effects import Effects
-from constitutive.linear_elastic import ElasticMaterial, LinearElasticLaw
-from constitutive.von_mises import VonMisesLaw, VonMisesMaterial
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
+from granfabric.constitutive.plain_laws.von_mises import VonMisesLaw, VonMisesMaterial
 
 NUMBER = 100_000
 REPEATS = 7

@@ -14,15 +14,15 @@ import time
 
 import numpy as np
 
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Material
-from fem.loads import Displacement, Fixed, Pressure, Stage
-from fem.mesh import rectangle
-from fem.problem import Problem
-from fem.results import RunSummary, StepResult
-from fem.space import Space
-from fem.stepping import StepControl, solve
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Material
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.results import RunSummary, StepResult
+from granfabric.fem.equilibrium.stepping import StepControl, solve
+from granfabric.fem.loads.kinds import Displacement, Fixed, Pressure, Stage
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.mesh.host_mesh import rectangle
 
 PRESSURE = 100e3
 CLOSURES = {

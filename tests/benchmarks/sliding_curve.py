@@ -17,13 +17,13 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from cases.files import read_csv
-from cases.material_file import read_material
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Material
-from constitutive.path import Leg, drive
-from dem_ref.sliding import fit_hardening, peak_stress_ratio, plastic_part
+from granfabric.cases.records.files import read_csv
+from granfabric.cases.scene.material_file import read_material
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Material
+from granfabric.constitutive.path import Leg, drive
+from granfabric.dem_ref.inputs.sliding import fit_hardening, peak_stress_ratio, plastic_part
 
 PRESSURE = 1e5
 LEVELS = np.linspace(0.05, 0.9, 35)

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from cases.cli import main
-from cases.prepare import prepare
-from cases.scene import load
-from fem.initial import initial_result
-from fem.problem import Problem
-from fem.results import StepResult
-from fem.stepping import solve
+from granfabric.cases.commands.cli import main
+from granfabric.cases.field.prepare import prepare
+from granfabric.cases.scene.reader import load
+from granfabric.fem.equilibrium.initial import initial_result
+from granfabric.fem.equilibrium.results import StepResult
+from granfabric.fem.equilibrium.stepping import solve
+from granfabric.fem.loads.problem import Problem
 
 
 class Result(NamedTuple):

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from cases import catalogue, files
-from cases.errors import InputError
+from granfabric.cases.errors import InputError
+from granfabric.cases.records import files
+from granfabric.cases.scene import catalogue
 
 
 def test_a_shipped_name_a_file_and_a_folder_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cases import closed_forms
-from cases.schema_closed_form import ClosedForm, HoleInPlate, StripLoad, ThickCylinder
+from granfabric.cases.field import closed_forms
+from granfabric.cases.scene.schema_closed_form import ClosedForm, HoleInPlate, StripLoad, ThickCylinder
 
 K, G = 220e6, 170e6
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cases.catalogue import shipped
+from granfabric.cases.scene.catalogue import shipped
 
 
 def test_help_lists_the_commands(granfabric: Callable) -> None:
@@ -51,7 +51,7 @@ def test_a_scene_is_copied_with_its_mesh(granfabric: Callable, tmp_path: Path) -
 def test_help_and_scenes_load_nothing_heavy(arguments: list[str]) -> None:
     heavy = ["numpy", "numba", "scipy", "matplotlib", "skfem", "meshio"]
     program = (
-        "import sys\nfrom cases.cli import app\n"
+        "import sys\nfrom granfabric.cases.commands.cli import app\n"
         f"app({arguments!r}, standalone_mode=False)\n"
         f"print([name for name in {heavy!r} if name in sys.modules], file=sys.stderr)"
     )

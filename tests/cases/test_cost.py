@@ -14,22 +14,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from cases import files
-from cases.cost import clock, command
-from cases.cost.batch import PATH_STRAIN, End, distance, make_batch
-from cases.cost.catalogue import STUDIES
-from cases.cost.clock import best_of
-from cases.cost.footing import extrapolate
-from cases.cost.footing import order as footing_order
-from cases.cost.front import cheapest, mark_fronts, on_front, slope
-from cases.cost.integrators import observed_order
-from cases.cost.load_steps import QUANTITIES
-from cases.cost.load_steps import order as load_step_order
-from cases.cost.mesh import order as mesh_order
-from cases.cost.study import Effort, StudyError
-from cases.errors import RunError
-from cases.screen import Screen
-from cases.verify_model import BEST, closures
+from granfabric.cases.commands import cost as command
+from granfabric.cases.cost.batch import PATH_STRAIN, End, distance, make_batch
+from granfabric.cases.cost.catalogue import STUDIES
+from granfabric.cases.cost.footing import extrapolate
+from granfabric.cases.cost.footing import order as footing_order
+from granfabric.cases.cost.front import cheapest, mark_fronts, on_front, slope
+from granfabric.cases.cost.integrators import observed_order
+from granfabric.cases.cost.load_steps import QUANTITIES
+from granfabric.cases.cost.load_steps import order as load_step_order
+from granfabric.cases.cost.mesh import order as mesh_order
+from granfabric.cases.cost.study import Effort, StudyError
+from granfabric.cases.errors import RunError
+from granfabric.cases.records import files
+from granfabric.cases.terminal import clock
+from granfabric.cases.terminal.clock import best_of
+from granfabric.cases.terminal.screen import Screen
+from granfabric.cases.verify.model_side import BEST, closures
 
 
 def silent_screen() -> tuple[Screen, io.StringIO]:

@@ -10,13 +10,13 @@ from typing import get_args
 
 import pytest
 
-from cases import catalogue
-from cases.accuracy import COARSEST, FINEST, TABLE, settings_for
-from cases.accuracy_field import means
-from cases.cost.batch import distance, follow, initial_state, law_of, make_batch
-from cases.files import read_csv
-from cases.scene import load
-from constitutive.parameters import Closure, ForceChange, Integration
+from granfabric.cases.commands.accuracy_field import means
+from granfabric.cases.cost.batch import distance, follow, initial_state, law_of, make_batch
+from granfabric.cases.records.files import read_csv
+from granfabric.cases.scene import catalogue
+from granfabric.cases.scene.accuracy import COARSEST, FINEST, TABLE, settings_for
+from granfabric.cases.scene.reader import load
+from granfabric.constitutive.parameters import Closure, ForceChange, Integration
 
 CLOSURES = [Closure(distribution="maximum_entropy")] + [
     Closure(force_change=choice, tangential=tangential)

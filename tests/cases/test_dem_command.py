@@ -14,11 +14,12 @@ import pytest
 from vtk.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
-from cases import dem, dem_series, files
-from cases.scene import load
-from cases.screen import Screen
-from dem_ref.biaxial import HISTORY_COLUMNS
-from dem_ref.sample import load_sample
+from granfabric.cases.commands import dem
+from granfabric.cases.records import dem_series, files
+from granfabric.cases.scene.reader import load
+from granfabric.cases.terminal.screen import Screen
+from granfabric.dem_ref.loading.run import HISTORY_COLUMNS
+from granfabric.dem_ref.sample.disks import load_sample
 
 SMALL = ("packing.particles=300", "path.0.stress_ratio=0.15", "output.every=4")
 SET = [part for text in SMALL for part in ("--set", text)]
@@ -185,7 +186,7 @@ def test_an_interruption_while_drawing_keeps_the_finished_run(
     def interrupted(folder: Path, scene: dict) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cases.plots.draw", interrupted)
+    monkeypatch.setattr("granfabric.cases.pictures.draw.draw", interrupted)
     arguments = (
         "--set",
         "packing.particles=100",

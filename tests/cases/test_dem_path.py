@@ -7,10 +7,10 @@ from math import radians
 import pytest
 from pydantic import ValidationError
 
-from cases.complaints import sentence
-from cases.dem_path import PathError, packing_options, run_options, segments
-from cases.schema_dem import DemScene
-from dem_ref.path import Segment
+from granfabric.cases.scene.dem_path import PathError, packing_options, run_options, segments
+from granfabric.cases.scene.schema_dem import DemScene
+from granfabric.cases.scene.validation_messages import sentence
+from granfabric.dem_ref.loading.path import Segment
 
 
 def scene(*legs: dict, **tables: dict) -> DemScene:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from cases import early_kernels
-from constitutive import compilation, warm_up
+from granfabric.cases.terminal import early_kernels
+from granfabric.constitutive import compilation, warm_up
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def test_the_kernels_compiled_beside_it_are_those_that_the_law_calls() -> None:
     warm_up.warm_up()
     # With other argument types, or under another name, they would not be in the cache.
     for module, name, letters in warm_up.LATE_KERNELS:
-        kernel = getattr(import_module(f"constitutive.{module}"), name)
+        kernel = getattr(import_module(f"granfabric.constitutive.{module}"), name)
         missed = sum(kernel.stats.cache_misses.values())
         kernel.compile(tuple(warm_up._TYPES[letter] for letter in letters))  # raises where these are not its arguments
         assert sum(kernel.stats.cache_misses.values()) == missed, name

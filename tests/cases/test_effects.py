@@ -9,18 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases import effects_choice, effects_settle
-from cases.effects_decision import decide_field, decide_point
-from cases.effects_numbers import numbers, quantile
-from cases.effects_probe import field_paths
-from cases.effects_sample import sample
-from cases.effects_trial import differences, drive_point, largest
-from cases.point_path import legs_of
-from cases.prepare import prepare
-from cases.scene import load
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Material
+from granfabric.cases.effects import resolve as effects_settle
+from granfabric.cases.effects.decision import decide_field, decide_point
+from granfabric.cases.effects.numbers import numbers, quantile
+from granfabric.cases.effects.probe import field_paths
+from granfabric.cases.effects.sample import sample
+from granfabric.cases.effects.trial import differences, drive_point, largest
+from granfabric.cases.field.prepare import prepare
+from granfabric.cases.scene import effects_choice
+from granfabric.cases.scene.point_path import legs_of
+from granfabric.cases.scene.reader import load
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Material
 
 HEAD = """
 title = "A specimen"

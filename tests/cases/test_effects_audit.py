@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from test_effects import BACK, HEAD, INITIAL, PRESS, SIDEWAYS
 
-from cases.effects_audit import Ways, audit_field
-from cases.effects_settle import settle_field
-from cases.files import read_csv
-from cases.prepare import prepare
-from cases.scene import load
-from fem.stepping import solve
+from granfabric.cases.effects.audit import Ways, audit_field
+from granfabric.cases.effects.resolve import settle_field
+from granfabric.cases.field.prepare import prepare
+from granfabric.cases.records.files import read_csv
+from granfabric.cases.scene.reader import load
+from granfabric.fem.equilibrium.stepping import solve
 
 # the top is pulled sideways: shear and bending, largest at the foot
 HALVES = """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cases.cost.decisions import LEFT_OPEN, coarse, judge, scene_names
+from granfabric.cases.cost.decisions import LEFT_OPEN, coarse, judge, scene_names
 
 
 @pytest.mark.slow

@@ -14,8 +14,8 @@ import pytest
 from mutations import Hang, mutated, one_sentence, within
 from test_resume import SCENE
 
-from dem_ref.packing import make_packing
-from dem_ref.sample import SampleError, load_sample, sample_arrays, save_sample
+from granfabric.dem_ref.dynamics.packing import make_packing
+from granfabric.dem_ref.sample.disks import SampleError, load_sample, sample_arrays, save_sample
 
 SECONDS = 60
 """A command that takes longer hangs: here they take seconds at most."""

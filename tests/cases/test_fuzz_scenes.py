@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 from mutations import Hang, mutated, one_sentence, within
 
-import cases
-from cases import dem, point, run
-from cases.errors import RunError
+from granfabric.cases.commands import dem, point, run
+from granfabric.cases.errors import RunError
+from granfabric.cases.scene import catalogue
 
-SHIPPED = Path(cases.__file__).parent
+SHIPPED = catalogue.HOME
 SCENES = {"point": "paths/unload_reload.toml", "run": "biaxial/biaxial.toml", "dem": "disks/dem_loop.toml"}
 SECONDS = 20
 """A file of a few kilobytes that takes longer hangs: the scenes here take some hundredths of a second."""
@@ -43,7 +43,7 @@ def reached(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(point, "drive", computation)
     monkeypatch.setattr(run, "FieldRecorder", computation)
     monkeypatch.setattr(dem, "make_packing", computation)
-    monkeypatch.setattr("cases.early_kernels.EarlyKernels.start", lambda self: None)
+    monkeypatch.setattr("granfabric.cases.terminal.early_kernels.EarlyKernels.start", lambda self: None)
 
 
 class Judge:

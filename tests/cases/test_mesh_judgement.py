@@ -10,10 +10,10 @@ import meshio
 import numpy as np
 import pytest
 
-from cases.comparison import compare
-from cases.convergence import CONSTANT_STIFFNESS
-from cases.scene import load
-from fem.mesh_error import stress_error
+from granfabric.cases.commands.convergence import CONSTANT_STIFFNESS
+from granfabric.cases.field.comparison import compare
+from granfabric.cases.scene.reader import load
+from granfabric.fem.discretisation.mesh_error import stress_error
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])

@@ -23,8 +23,8 @@ from mutations import one_sentence
 from test_fuzz_results import DEM_SET, Killed, content
 from test_resume import SCENE
 
-from cases.toml_text import to_toml
-from fem.stored_arrays import read_stored_arrays
+from granfabric.cases.scene.toml_text import to_toml
+from granfabric.fem.equilibrium.stored_arrays import read_stored_arrays
 
 COMPARED = (".csv", ".vtu", ".pvd")
 
@@ -127,7 +127,7 @@ def test_trouble_at_any_file(
 def test_killed_at_any_time(kind: str, count: int, granfabric: Callable, scene: Path, tmp_path: Path) -> None:
     """kill -9 from outside at random times of a process of its own, again and again until it comes to its end."""
     arguments, whole, out = commands(scene)[kind], tmp_path / "whole", tmp_path / "out"
-    command = [sys.executable, "-m", "cases", *arguments, "-o"]
+    command = [sys.executable, "-m", "granfabric", *arguments, "-o"]
     since = time.monotonic()
     assert subprocess.run([*command, str(whole)], capture_output=True, check=False).returncode == 0
     duration, reference, rng = time.monotonic() - since, content(whole), np.random.default_rng(7)
@@ -191,12 +191,12 @@ def test_a_folder_that_cannot_be_written(kind: str, granfabric: Callable, scene:
     assert result.code == 2 and one_sentence(result.err) and "cannot be written" in result.err
 
 
-@pytest.mark.parametrize("where", ["cases.scene.load", "cases.files.prepare_output", "cases.catalogue.shipped"])
+@pytest.mark.parametrize("where", ["scene.reader.load", "records.files.prepare_output", "scene.catalogue.shipped"])
 def test_ctrl_c_outside_a_run(where: str, granfabric: Callable, tmp_path: Path, monkeypatch) -> None:
     def interrupted(*arguments: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(where, interrupted)
+    monkeypatch.setattr(f"granfabric.cases.{where}", interrupted)
     result = granfabric("point", "p_constant", "-o", tmp_path / "out")
     assert (result.code, result.err) == (1, "granfabric: interrupted\n")
 
@@ -208,7 +208,7 @@ def test_ctrl_c_while_modules_are_imported() -> None:
         "    def find_spec(self, name, path=None, target=None):\n"
         "        if name == 'typer': raise KeyboardInterrupt\n"
         "sys.meta_path.insert(0, Interrupting())\n"
-        "from cases.__main__ import main\n"
+        "from granfabric.cases.__main__ import main\n"
         "main()\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from cases import files
-from cases.screen import Screen
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
+from granfabric.cases.records import files
+from granfabric.cases.terminal.screen import Screen
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
 
 COLUMNS = [
     *("step", "strain_xx", "strain_yy", "strain_xy", "stress_xx", "stress_yy", "stress_xy", "p", "q"),

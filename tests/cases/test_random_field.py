@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cases.local_fit import local_fit
-from cases.random_field import random_field
+from granfabric.cases.field.local_fit import local_fit
+from granfabric.cases.field.random_field import random_field
 
 LENGTHS = (0.02, 0.005)
 SEEDS = 400

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from cases import resumption
-from cases.screen import Screen
+from granfabric.cases.records import resumption
+from granfabric.cases.terminal.screen import Screen
 
 SCENE = """
 title = "Rough platens, small"
@@ -58,7 +58,7 @@ def counted(*arguments):
         os.kill(os.getpid(), signal.SIGKILL)
     replace(*arguments)
 os.replace = counted
-from cases.cli import main
+from granfabric.cases.commands.cli import main
 main()
 """
 

@@ -13,8 +13,8 @@ import meshio
 import numpy as np
 import pytest
 
-from cases import files, series
-from cases.screen import Screen
+from granfabric.cases.records import files, series
+from granfabric.cases.terminal.screen import Screen
 
 SMOOTH = """
 title = "Smooth biaxial compression"

@@ -12,9 +12,9 @@ import pytest
 from vtk import vtkXMLUnstructuredGridReader
 from vtk.util.numpy_support import vtk_to_numpy
 
-from cases import series
-from cases.catalogue import HOME, shipped
-from cases.scene import load
+from granfabric.cases.records import series
+from granfabric.cases.scene.catalogue import HOME, shipped
+from granfabric.cases.scene.reader import load
 
 FIELDS = [name for name, entry in shipped().items() if entry.kind == "field"]
 GMSH = [name for name in FIELDS if load(name).scene.mesh.file is not None]
@@ -82,7 +82,7 @@ def test_a_mesh_of_ones_own(granfabric: Callable, tmp_path: Path, monkeypatch: p
 def test_gmsh_makes_the_shipped_mesh(name: str, tmp_path: Path) -> None:
     import subprocess
 
-    from fem.mesh import read_mesh
+    from granfabric.fem.mesh.host_mesh import read_mesh
 
     source = (shipped()[name].file.parent / load(name).scene.mesh.file).with_suffix(".geo")
     made = tmp_path / f"{name}.msh"

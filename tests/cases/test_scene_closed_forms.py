@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases import files
-from cases.convergence import CONSTANT_STIFFNESS, Level, order, solve_level
-from cases.scene import load
+from granfabric.cases.commands.convergence import CONSTANT_STIFFNESS, Level, order, solve_level
+from granfabric.cases.records import files
+from granfabric.cases.scene.reader import load
 
 
 def levels(scene: str, refinements: tuple[int, ...], *assignments: str) -> list[Level]:
@@ -93,8 +93,8 @@ def test_convergence_command(granfabric: Callable, tmp_path: Path, is_drawn: Cal
 
 def test_contact_loss_moves_the_wall_further() -> None:
     """A network that loses contacts is softer: more displacement than Lame's under the same pressure."""
-    from cases.prepare import prepare
-    from fem.stepping import solve
+    from granfabric.cases.field.prepare import prepare
+    from granfabric.fem.equilibrium.stepping import solve
 
     moved = []
     for assignments in ((), CONSTANT_STIFFNESS):

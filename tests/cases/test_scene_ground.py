@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases.comparison import compare, moduli
-from cases.convergence import CONSTANT_STIFFNESS, order, solve_level
-from cases.scene import load
+from granfabric.cases.commands.convergence import CONSTANT_STIFFNESS, order, solve_level
+from granfabric.cases.field.comparison import compare, moduli
+from granfabric.cases.scene.reader import load
 
 COARSE = ("mesh.rectangle.nx=8", "mesh.rectangle.ny=4")
 

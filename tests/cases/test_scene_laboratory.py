@@ -7,15 +7,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cases import build
-from cases.comparison import moduli
-from cases.convergence import CONSTANT_STIFFNESS
-from cases.field_history import invariants
-from cases.random_field import random_field
-from cases.scene import load
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Integration
-from constitutive.path import Leg, drive
+from granfabric.cases.commands.convergence import CONSTANT_STIFFNESS
+from granfabric.cases.field.comparison import moduli
+from granfabric.cases.field.random_field import random_field
+from granfabric.cases.records.field_history import invariants
+from granfabric.cases.scene import build
+from granfabric.cases.scene.reader import load
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Integration
+from granfabric.constitutive.path import Leg, drive
 
 
 def point_law(name: str) -> ContactLaw:

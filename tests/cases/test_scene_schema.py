@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cases.catalogue import SCHEMA, shipped
-from cases.errors import InputError, nearest
-from cases.scene import assign, check, load, parse_assignment
-from cases.schema import MODELS, json_schema, schema_text
-from cases.schema_law import EffectsSection, MaterialSection
-from cases.toml_text import to_toml
-from constitutive.effects import Effects
-from constitutive.parameters import Material
+from granfabric.cases.errors import InputError, nearest
+from granfabric.cases.scene.catalogue import SCHEMA, shipped
+from granfabric.cases.scene.reader import assign, check, load, parse_assignment
+from granfabric.cases.scene.schema import MODELS, json_schema, schema_text
+from granfabric.cases.scene.schema_law import EffectsSection, MaterialSection
+from granfabric.cases.scene.toml_text import to_toml
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.parameters import Material
 
 POINT = """
 title = "a point"
@@ -280,7 +280,7 @@ def test_every_table_and_key_is_described() -> None:
 
 
 def test_the_shipped_schema_is_current() -> None:
-    message = "renew it with: granfabric schema > cases/schema.json"
+    message = "renew it with: granfabric schema > cases/scenes/schema.json"
     assert SCHEMA.read_text(encoding="utf-8") == schema_text(), message
 
 

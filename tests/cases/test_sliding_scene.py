@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases import files
-from cases.material_file import law_tables, material_text, read_material
-from constitutive.path import SLIDING_COLUMNS
-from dem_ref.sliding import SLIDING_KEYS
+from granfabric.cases.records import files
+from granfabric.cases.scene.material_file import law_tables, material_text, read_material
+from granfabric.constitutive.path import SLIDING_COLUMNS
+from granfabric.dem_ref.inputs.sliding import SLIDING_KEYS
 
 STRAINS = (1e-4, 2e-4, 4e-4, 1e-3, 4e-3)
 

@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases import files, verify
-from cases.screen import Screen
-from cases.verify_dem import LOADINGS, DemStore
-from cases.verify_model import SOURCE, closures, follow
-from cases.verify_paths import PATH_COLUMNS, PATHS, positions, sampled
-from cases.verify_table import COLUMNS, QUANTITIES, TABLE_LEVELS, compare, largest_errors
-from cases.verify_text import table
+from granfabric.cases.commands import verify
+from granfabric.cases.records import files
+from granfabric.cases.terminal.screen import Screen
+from granfabric.cases.verify.dem_side import LOADINGS, DemStore
+from granfabric.cases.verify.model_side import SOURCE, closures, follow
+from granfabric.cases.verify.paths import PATH_COLUMNS, PATHS, positions, sampled
+from granfabric.cases.verify.table import COLUMNS, QUANTITIES, TABLE_LEVELS, compare, largest_errors
+from granfabric.cases.verify.text import table
 
 LEVELS = np.linspace(0.0, 0.3, 7)
 PARTICLES = 200
@@ -171,7 +172,7 @@ def test_the_table_tells_what_the_dem_histories_say(compared: Path) -> None:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the figures."""
-    monkeypatch.setattr("cases.plots_verify.draw_verify", lambda folder, study: [])
+    monkeypatch.setattr("granfabric.cases.verify.pictures.draw_verify", lambda folder, study: [])
 
 
 @pytest.mark.usefixtures("undrawn")

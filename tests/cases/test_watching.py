@@ -8,8 +8,8 @@ import threading
 import numba
 import pytest
 
-from cases.compile_watch import watching
-from cases.interruption import stop_wish
+from granfabric.cases.terminal.compile_watch import watching
+from granfabric.cases.terminal.interruption import stop_wish
 
 
 def test_compilation_is_announced_once_and_timed() -> None:

@@ -4,9 +4,9 @@ import itertools
 
 import numpy as np
 
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Integration, Material
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Integration, Material
 
 PRESSURE = 1e5
 """[Pa]; kn/p = 1e4 as in the source."""

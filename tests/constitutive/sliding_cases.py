@@ -3,8 +3,8 @@
 import numpy as np
 from contact_law_cases import Points, law, material
 
-from constitutive.effects import Effects
-from constitutive.parameters import Closure
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.parameters import Closure
 
 FIRST, PEAK, REFERENCE, SLOPE, CONSTANT = 0.1, 0.4, 5e-5, 0.9, 0.15
 SHIFTED = Closure(force_change="shifted_distribution", shear_stiffness="isostatic")

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from constitutive import arcs
-from constitutive.arcs import arc_of_loss, loss_moments
-from constitutive.elementary import angle, artanh
-from constitutive.lanes import F_N, F_V1, F_V2, LANES, P1, P2, S1M, S2M, SIZE, C, D, K
+from granfabric.constitutive.lanes.elementary import angle, artanh
+from granfabric.constitutive.lanes.layout import F_N, F_V1, F_V2, LANES, P1, P2, S1M, S2M, SIZE, C, D, K
+from granfabric.constitutive.network import arcs
+from granfabric.constitutive.network.arcs import arc_of_loss, loss_moments
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(200)
 ROWS = ((C, 4), (K, 3), (P1, 4), (S1M, 3), (P2, 5), (S2M, 4))

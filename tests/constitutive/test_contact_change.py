@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from constitutive.contact_change import closed_form_change
-from constitutive.lanes import (
+from granfabric.constitutive.lanes.layout import (
     BY_A,
     BY_N,
     BY_V,
@@ -21,7 +20,8 @@ from constitutive.lanes import (
     VALUE,
     D,
 )
-from constitutive.quadrature_change import quadrature_change
+from granfabric.constitutive.network.contact_change import closed_form_change
+from granfabric.constitutive.network.quadrature_change import quadrature_change
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(160)
 INPUTS = (D, V1, V2, TRIAL_A1, TRIAL_A2, N1, N2)

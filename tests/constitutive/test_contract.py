@@ -17,9 +17,9 @@ from contact_law_cases import (
     material,
 )
 
-from constitutive.contract import Law, Status
-from constitutive.effects import Effects
-from constitutive.parameters import Closure, Integration, Material, ParameterError
+from granfabric.constitutive.contract import Law, Status
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.parameters import Closure, Integration, Material, ParameterError
 
 
 def random_batch(contact_law, number, seed=0, size=1e-5):
@@ -260,7 +260,7 @@ def test_arrays_of_the_wrong_kind_are_refused():
 
 def test_parameter_names_are_those_of_the_table():
     """The kernels address the table by position."""
-    from constitutive import load_lane
+    from granfabric.constitutive.lanes import load as load_lane
 
     names = [variable.name for variable in Material.variables()]
     assert names[load_lane.PAR_P_ZERO] == "force_density_at_zero"

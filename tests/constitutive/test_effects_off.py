@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Material
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Material
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKING = Material(coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9, shear_reduction=0.69)
@@ -119,9 +119,9 @@ PROGRAM = """
 import importlib, json, sys
 import numpy as np
 from dataclasses import replace
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Integration, Material
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Integration, Material
 
 off, change, stubs = json.loads(sys.argv[1])
 
@@ -151,25 +151,25 @@ def refuse(*arguments):
 replaced = []
 for module, name in stubs:
     try:
-        home = importlib.import_module("constitutive." + module)
+        home = importlib.import_module("granfabric.constitutive." + module)
     except ModuleNotFoundError:
         continue
     if not hasattr(home, name):
         continue
     original = getattr(home, name)
     for other in list(sys.modules.values()):
-        if getattr(other, "__name__", "").startswith("constitutive") and getattr(other, name, None) is original:
+        if other.__name__.startswith("granfabric.constitutive") and getattr(other, name, None) is original:
             setattr(other, name, refuse)
     replaced.append(name)
 print(json.dumps({"same": outcome() == free, "replaced": replaced, "called": sorted(called)}))
 """
-MEAN_FIELD_ONLY = [("rates", "network_rates"), ("contact_change", "closed_form_change"), ("rates", "_close")]
+MEAN_FIELD_ONLY = [("network.rates", "network_rates"), ("network.contact_change", "closed_form_change"), ("network.rates", "_close")]
 WEAK_FORCES = [
-    *(("weak_force_stage", name) for name in ("resolve_network", "weak_force_rates", "weak_force_slopes")),
-    *(("weak_force_stage", "raise_spread"), ("end_values", "finish_weak_forces"), ("end_values", "network_at_end")),
-    *(("weak_forces", "negative_part"), ("weak_forces", "positive_part"), ("shifted_distribution", "network_of")),
+    *(("network.weak_force_stage", name) for name in ("resolve_network", "weak_force_rates", "weak_force_slopes")),
+    *(("network.weak_force_stage", "raise_spread"), ("integration.end_values", "finish_weak_forces"), ("integration.end_values", "network_at_end")),
+    *(("network.weak_forces", "negative_part"), ("network.weak_forces", "positive_part"), ("network.shifted_distribution", "network_of")),
 ]
-GAIN, LOSS = [("contact_change", "_gain")], [("contact_change", "_loss")]
+GAIN, LOSS = [("network.contact_change", "_gain")], [("network.contact_change", "_loss")]
 CASES = {
     "no gain": (["contact_gain"], "mean_field", GAIN + WEAK_FORCES),
     "no loss": (["contact_loss"], "mean_field", LOSS + WEAK_FORCES),

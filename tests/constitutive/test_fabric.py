@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import i0e, i1e
 
-from constitutive.fabric import bessel_ratio, concentration, scaled_bessel_zero
+from granfabric.constitutive.fabric import bessel_ratio, concentration, scaled_bessel_zero
 
 ARGUMENTS = [1e-12, 1e-6, 1e-2, 0.5, 3.0, 17.99, 18.01, 60.0, 399.0, 401.0, 1e4, 1e7]
 

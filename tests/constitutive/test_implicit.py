@@ -7,9 +7,9 @@ from contact_law_cases import ALL_CLOSURES, PRESSURE, Points, anisotropic_stress
 from scipy.optimize import root
 from test_tangent import assert_second_order
 
-from constitutive.contract import Status
-from constitutive.effects import Effects
-from constitutive.runge_kutta import TABLEAUS
+from granfabric.constitutive.contract import Status
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.lanes.runge_kutta import TABLEAUS
 
 NAME = "kennedy_carpenter"
 TABLEAU = TABLEAUS[NAME]

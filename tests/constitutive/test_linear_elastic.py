@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from constitutive.contract import Law, Status
-from constitutive.linear_elastic import ElasticMaterial, LinearElasticLaw
-from constitutive.parameters import ParameterError
+from granfabric.constitutive.contract import Law, Status
+from granfabric.constitutive.parameters import ParameterError
+from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
 
 E, NU = 1000.0, 0.3
 

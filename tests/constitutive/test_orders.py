@@ -5,7 +5,7 @@ import pytest
 import reference_model
 from contact_law_cases import PRESSURE, Points, law, material
 
-from constitutive.runge_kutta import TABLEAUS
+from granfabric.constitutive.lanes.runge_kutta import TABLEAUS
 
 STRESS = (-1.2e5, -0.85e5, 1e4)
 INCREMENT = (-8e-5, 6e-5, 3e-5)

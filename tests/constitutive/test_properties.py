@@ -6,9 +6,9 @@ from contact_law_cases import ALL_CLOSURES, CLOSURES, PRESSURE, Points, anisotro
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from constitutive.effects import Effects
-from constitutive.parameters import Closure
-from constitutive.path import Leg, drive
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.parameters import Closure
+from granfabric.constitutive.path import Leg, drive
 
 fraction = st.floats(-0.3, 0.3)
 RELAXED = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)

@@ -20,11 +20,11 @@ from sliding_cases import (
     strength,
 )
 
-from constitutive.contract import Status
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.parameters import ParameterError
-from constitutive.path import SLIDING_COLUMNS, Leg, drive
+from granfabric.constitutive.contract import Status
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import ParameterError
+from granfabric.constitutive.path import SLIDING_COLUMNS, Leg, drive
 
 ISOTROPIC = (-PRESSURE, -PRESSURE, 0.0)
 TOLERANCE = 1e-9

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from contact_law_cases import ALL_CLOSURES, EFFECT_SETS, SHIFTED, Points, closure_name, effects_name, law, material
 
-from constitutive.parameters import Closure
-from constitutive.runge_kutta import TABLEAUS
+from granfabric.constitutive.lanes.runge_kutta import TABLEAUS
+from granfabric.constitutive.parameters import Closure
 
 STRESS = np.array([(-1.2e5, -0.85e5, 1e4), (-1.0e5, -1.0e5, 0.0), (-0.7e5, -1.1e5, -2e4), (-1.3e5, -1.1e5, 0.0)])
 INCREMENT = np.array([(-3e-5, 2e-5, 2e-5), (-3e-5, 1e-5, -1e-5), (2e-5, 2e-5, 1e-5), (-2e-5, -3e-5, 4e-6)])

@@ -6,8 +6,8 @@ import numba
 import numpy as np
 import pytest
 
-from constitutive.contract import Law, Status
-from constitutive.von_mises import VonMisesLaw, VonMisesMaterial
+from granfabric.constitutive.contract import Law, Status
+from granfabric.constitutive.plain_laws.von_mises import VonMisesLaw, VonMisesMaterial
 
 E, NU, YIELD, H = 1000.0, 0.3, 1.5, 10.0
 G = E / (2 * (1 + NU))

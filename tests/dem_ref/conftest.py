@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from dem_ref.packing import make_packing
-from dem_ref.sample import Sample
+from granfabric.dem_ref.dynamics.packing import make_packing
+from granfabric.dem_ref.sample.disks import Sample
 
 
 @pytest.fixture(scope="session")

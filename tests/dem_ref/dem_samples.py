@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dem_ref.sample import Sample, new_sample
+from granfabric.dem_ref.sample.disks import Sample, new_sample
 
 
 def two_disks(gap: float, stiffness: float = 1.0, friction: float = 0.5, radius: float = 0.5) -> Sample:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dem_ref.biaxial import DemRun, RunOptions
-from dem_ref.ensemble import for_seeds, scatter_at_stress_ratios, stored_packing
-from dem_ref.packing import PackingOptions
-from dem_ref.path import biaxial_test
-from dem_ref.sample import SampleError
+from granfabric.dem_ref.dynamics.packing import PackingOptions
+from granfabric.dem_ref.loading.ensemble import for_seeds, scatter_at_stress_ratios, stored_packing
+from granfabric.dem_ref.loading.path import biaxial_test
+from granfabric.dem_ref.loading.run import DemRun, RunOptions
+from granfabric.dem_ref.sample.disks import SampleError
 
 
 def test_packing_is_stored_once_per_options(tmp_path):

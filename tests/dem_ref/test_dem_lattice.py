@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from dem_samples import triangular_lattice
 
-from dem_ref.measure import contacts_of, fabric_anisotropy, love_weber_stress
-from dem_ref.motion import Control, Motion
-from dem_ref.probes import uniform_strain_moduli
+from granfabric.dem_ref.dynamics.motion import Control, Motion
+from granfabric.dem_ref.inputs.probes import uniform_strain_moduli
+from granfabric.dem_ref.measures.contacts import contacts_of, fabric_anisotropy, love_weber_stress
 
 
 @pytest.mark.parametrize("ratio", [1.0, 0.5])

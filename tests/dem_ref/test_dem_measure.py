@@ -9,10 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from dem_ref.distribution import edge_density, force_distribution, histogram
-from dem_ref.events import directional_change, match_contacts, network_change
-from dem_ref.fields import contact_fields, particle_fields
-from dem_ref.measure import (
+from granfabric.dem_ref.measures.contacts import (
     Contacts,
     bearing_particles,
     contacts_of,
@@ -23,8 +20,11 @@ from dem_ref.measure import (
     love_weber_stress,
     sliding_fraction,
 )
-from dem_ref.sample import SampleError, new_sample
-from dem_ref.tessellation import gap_distribution, radical_neighbours
+from granfabric.dem_ref.measures.distribution import edge_density, force_distribution, histogram
+from granfabric.dem_ref.measures.events import directional_change, match_contacts, network_change
+from granfabric.dem_ref.measures.fields import contact_fields, particle_fields
+from granfabric.dem_ref.measures.tessellation import gap_distribution, radical_neighbours
+from granfabric.dem_ref.sample.disks import SampleError, new_sample
 
 
 def synthetic(theta, normal_force=None, tangential_force=None, key=None) -> Contacts:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dem_ref.biaxial import DemRun, RunOptions, at_stress_ratios
-from dem_ref.legs import biaxial_leg
-from dem_ref.measure import contacts_of, fabric_anisotropy, force_harmonics, love_weber_stress
-from dem_ref.motion import Control, Motion
-from dem_ref.path import Segment
-from dem_ref.sample import Sample, SampleError
-from dem_ref.servo import Loading, RateLimits
+from granfabric.dem_ref.dynamics.motion import Control, Motion
+from granfabric.dem_ref.loading.legs import biaxial_leg
+from granfabric.dem_ref.loading.path import Segment
+from granfabric.dem_ref.loading.run import DemRun, RunOptions, at_stress_ratios
+from granfabric.dem_ref.loading.servo import Loading, RateLimits
+from granfabric.dem_ref.measures.contacts import contacts_of, fabric_anisotropy, force_harmonics, love_weber_stress
+from granfabric.dem_ref.sample.disks import Sample, SampleError
 
 PURE_SHEAR = Control(drive=np.array([2.0e-9, -2.0e-9, 0.5e-9]))
 

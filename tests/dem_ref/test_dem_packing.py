@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dem_ref.measure import contacts_of, coordination_number, love_weber_stress, unbalanced_force
-from dem_ref.motion import Motion
-from dem_ref.neighbours import CellTooSmallError, find_near_pairs, most_neighbours
-from dem_ref.packing import DISTRIBUTIONS, PackingOptions, make_packing, random_diameters
-from dem_ref.sample import SampleError, load_sample, new_sample, sample_arrays, save_sample
+from granfabric.dem_ref.dynamics.motion import Motion
+from granfabric.dem_ref.dynamics.packing import DISTRIBUTIONS, PackingOptions, make_packing, random_diameters
+from granfabric.dem_ref.measures.contacts import contacts_of, coordination_number, love_weber_stress, unbalanced_force
+from granfabric.dem_ref.sample.disks import SampleError, load_sample, new_sample, sample_arrays, save_sample
+from granfabric.dem_ref.sample.neighbours import CellTooSmallError, find_near_pairs, most_neighbours
 
 
 def test_packing_is_isotropic_balanced_and_isostatic(large_packing):

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dem_ref.biaxial import HISTORY_COLUMNS, DemRun, RunOptions, at_stress_ratios
-from dem_ref.events import directional_change, match_contacts
-from dem_ref.material import CLOSURE_KEYS, MATERIAL_KEYS, measure_material
-from dem_ref.measure import contacts_of, coordination_number, fabric_anisotropy
-from dem_ref.path import Segment, biaxial_test, loading_cycles, principal_rotation
-from dem_ref.probes import elastic_moduli, elastic_probes, shear_modulus, stress_probe
-from dem_ref.sample import Sample, SampleError
-from dem_ref.servo import RateLimits
-from dem_ref.weak_contacts import measure_slip, measure_weak_contacts
+from granfabric.dem_ref.inputs.material import CLOSURE_KEYS, MATERIAL_KEYS, measure_material
+from granfabric.dem_ref.inputs.probes import elastic_moduli, elastic_probes, shear_modulus, stress_probe
+from granfabric.dem_ref.inputs.weak_contacts import measure_slip, measure_weak_contacts
+from granfabric.dem_ref.loading.path import Segment, biaxial_test, loading_cycles, principal_rotation
+from granfabric.dem_ref.loading.run import HISTORY_COLUMNS, DemRun, RunOptions, at_stress_ratios
+from granfabric.dem_ref.loading.servo import RateLimits
+from granfabric.dem_ref.measures.contacts import contacts_of, coordination_number, fabric_anisotropy
+from granfabric.dem_ref.measures.events import directional_change, match_contacts
+from granfabric.dem_ref.sample.disks import Sample, SampleError
 
 P = 1e5
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dem_ref.legs import (
+from granfabric.dem_ref.dynamics.motion import Motion
+from granfabric.dem_ref.loading.legs import (
     axial_stress_ratio,
     biaxial_leg,
     from_vector,
@@ -18,10 +19,9 @@ from dem_ref.legs import (
     stress_leg,
     to_vector,
 )
-from dem_ref.measure import love_weber_stress
-from dem_ref.motion import Motion
-from dem_ref.sample import Sample, SampleError
-from dem_ref.servo import Loading, RateLimits
+from granfabric.dem_ref.loading.servo import Loading, RateLimits
+from granfabric.dem_ref.measures.contacts import love_weber_stress
+from granfabric.dem_ref.sample.disks import Sample, SampleError
 
 P = 1e5
 

@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dem_ref.sample import SampleError
-from dem_ref.sliding import SLIDING_KEYS, fit_hardening, measure_sliding, peak_stress_ratio, plastic_part
+from granfabric.dem_ref.inputs.sliding import (
+    SLIDING_KEYS,
+    fit_hardening,
+    measure_sliding,
+    peak_stress_ratio,
+    plastic_part,
+)
+from granfabric.dem_ref.sample.disks import SampleError
 
 MEASURED = {
     "coordination": 3.9, "solid_fraction": 0.846, "normal_stiffness": 1e9, "stiffness_ratio": 1.0,

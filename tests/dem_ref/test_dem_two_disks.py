@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from dem_samples import two_disks
 
-from dem_ref.motion import Motion, contact_elongations
-from dem_ref.stepping import CONTACTS
+from granfabric.dem_ref.dynamics.motion import Motion, contact_elongations
+from granfabric.dem_ref.dynamics.stepping import CONTACTS
 
 
 def colliding(speed: float, across: float = 0.0, friction: float = 0.0, step: float = 0.01) -> Motion:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from constitutive.linear_elastic import ElasticMaterial, LinearElasticLaw
-from constitutive.von_mises import VonMisesLaw, VonMisesMaterial
-from fem.mesh import HostMesh, build_mesh, rectangle
-from fem.problem import Problem
-from fem.space import Space
-from fem.stepping import StepControl, solve
+from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
+from granfabric.constitutive.plain_laws.von_mises import VonMisesLaw, VonMisesMaterial
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.stepping import StepControl, solve
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.mesh.host_mesh import HostMesh, build_mesh, rectangle
 
 ELEMENTS = ("P1", "P2", "Q1", "Q2")
 ELASTIC = LinearElasticLaw(ElasticMaterial(1000.0, 0.3))

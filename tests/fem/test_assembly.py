@@ -8,8 +8,8 @@ import pytest
 import skfem
 from fem_meshes import ELEMENTS, distorted
 
-from fem.assembly import ForceAssembler, TangentAssembler
-from fem.space import Space
+from granfabric.fem.discretisation.assembly import ForceAssembler, TangentAssembler
+from granfabric.fem.discretisation.space import Space
 
 SKFEM_ELEMENTS = {
     "P1": skfem.ElementTriP1,

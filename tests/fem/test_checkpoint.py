@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from fem_meshes import PLASTIC, distorted
 
-from constitutive.law import ContactLaw
-from constitutive.parameters import Material
-from fem.checkpoint import KEPT, CheckpointError, CheckpointFolder
-from fem.control import ControlError, StepControl
-from fem.initial import initial_result
-from fem.loads import Displacement, Fixed, Pressure, Stage
-from fem.problem import Problem
-from fem.results import StageStart
-from fem.space import Space
-from fem.stepping import solve
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Material
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.checkpoint import KEPT, CheckpointError, CheckpointFolder
+from granfabric.fem.equilibrium.control import ControlError, StepControl
+from granfabric.fem.equilibrium.initial import initial_result
+from granfabric.fem.equilibrium.results import StageStart
+from granfabric.fem.equilibrium.stepping import solve
+from granfabric.fem.loads.kinds import Displacement, Fixed, Pressure, Stage
+from granfabric.fem.loads.problem import Problem
 
 GRAINS = ContactLaw([Material(coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9)])
 HELD = [Fixed("bottom"), Fixed("top")]

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from fem_meshes import ELEMENTS, distorted, run
 
-from constitutive.law import ContactLaw
-from constitutive.parameters import Material
-from constitutive.path import Leg, drive
-from fem.loads import Displacement, Fixed, FixedPoint, Pressure, Stage
-from fem.mesh import rectangle
-from fem.space import Space
-from fem.stepping import StepControl
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Material
+from granfabric.constitutive.path import Leg, drive
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.stepping import StepControl
+from granfabric.fem.loads.kinds import Displacement, Fixed, FixedPoint, Pressure, Stage
+from granfabric.fem.mesh.host_mesh import rectangle
 
 PRESSURE = 1e5
 # Softer than uniform strain has it, so that Poisson's ratio is not zero and platens matter.

@@ -9,13 +9,19 @@ import pytest
 from fem_meshes import distorted
 from scipy.sparse import csr_matrix, diags, random_array
 
-import fem.linear_solver as module
-from fem.accounting import Accounting
-from fem.assembly import TangentAssembler
-from fem.krylov import fgmres
-from fem.linear_solver import CholmodSolver, FactorisationError, LinearSolverError, SuperLUSolver, make_solver
-from fem.space import Space
-from fem.tangent_solver import LARGEST_COUNT, TangentSolver
+import granfabric.fem.linear_solvers.direct as module
+from granfabric.fem.accounting import Accounting
+from granfabric.fem.discretisation.assembly import TangentAssembler
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.linear_solvers.direct import (
+    CholmodSolver,
+    FactorisationError,
+    LinearSolverError,
+    SuperLUSolver,
+    make_solver,
+)
+from granfabric.fem.linear_solvers.krylov import fgmres
+from granfabric.fem.linear_solvers.tangent import LARGEST_COUNT, TangentSolver
 
 try:
     CholmodSolver()

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from fem_meshes import ELASTIC, ELEMENTS, distorted, nodal, run
 
-from constitutive.linear_elastic import ElasticMaterial, LinearElasticLaw
-from fem.control import ControlError, StepControl
-from fem.loads import BodyForce, Displacement, Fixed, FixedPoint, LoadError, Pressure, Stage, Traction
-from fem.mesh import MeshError, rectangle
-from fem.problem import Problem
-from fem.space import Space
+from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.control import ControlError, StepControl
+from granfabric.fem.loads.kinds import BodyForce, Displacement, Fixed, FixedPoint, LoadError, Pressure, Stage, Traction
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.mesh.host_mesh import MeshError, rectangle
 
 E, NU = 1000.0, 0.3
 OEDOMETRIC = E * (1 - NU) / ((1 + NU) * (1 - 2 * NU))

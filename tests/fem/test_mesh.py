@@ -8,8 +8,8 @@ import meshio
 import numpy as np
 import pytest
 
-from fem.mesh import MeshError, build_mesh, read_mesh, rectangle
-from fem.space import Space
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.mesh.host_mesh import MeshError, build_mesh, read_mesh, rectangle
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
@@ -48,9 +48,9 @@ def test_physical_groups_by_name(tmp_path):
 
 
 def test_gmsh_41_file_of_the_biaxial_case():
-    import cases
+    import granfabric.cases as cases
 
-    path = next(iter(cases.__path__)) + "/biaxial/biaxial.msh"
+    path = next(iter(cases.__path__)) + "/scenes/biaxial/biaxial.msh"
     host = read_mesh(path)
     assert sorted(host.boundaries) == ["bottom", "left", "right", "top"]
     assert len(host.regions["specimen"]) == host.mesh.t.shape[1]

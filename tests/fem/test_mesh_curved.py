@@ -8,10 +8,10 @@ import meshio
 import numpy as np
 import pytest
 
-from fem.mesh import HostMesh, MeshError, build_mesh, read_mesh
-from fem.mesh_shapes import plate_with_hole, quarter_ring
-from fem.projection import Projection
-from fem.space import Space
+from granfabric.fem.discretisation.projection import Projection
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.mesh.host_mesh import HostMesh, MeshError, build_mesh, read_mesh
+from granfabric.fem.mesh.shapes import plate_with_hole, quarter_ring
 
 ELEMENTS = [("triangle", "P1"), ("triangle", "P2"), ("quad", "Q1"), ("quad", "Q2")]
 

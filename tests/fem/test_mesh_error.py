@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from fem_meshes import ELEMENTS, cell_of, distorted
 
-from fem.mesh import rectangle
-from fem.mesh_error import stress_error
-from fem.space import Space
+from granfabric.fem.discretisation.mesh_error import stress_error
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.mesh.host_mesh import rectangle
 
 
 def polynomial(x: np.ndarray, order: int, sign: float = 1.0) -> np.ndarray:

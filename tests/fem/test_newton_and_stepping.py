@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from fem_meshes import ELASTIC, PLASTIC, distorted, nodal, run
 
-from constitutive.contract import Status, UpdateReport
-from fem.control import ControlError
-from fem.linear_solver import LinearSolverError
-from fem.loads import Displacement, Fixed, Pressure, Stage
-from fem.problem import Problem
-from fem.space import Space
-from fem.stepping import StepControl, solve
+from granfabric.constitutive.contract import Status, UpdateReport
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.control import ControlError
+from granfabric.fem.equilibrium.stepping import StepControl, solve
+from granfabric.fem.linear_solvers.direct import LinearSolverError
+from granfabric.fem.loads.kinds import Displacement, Fixed, Pressure, Stage
+from granfabric.fem.loads.problem import Problem
 
 PRESS = [Fixed("bottom"), Fixed("top", ("x",)), Displacement("top", "y", -0.01)]
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from fem_meshes import ELASTIC, PLASTIC, run
 
-from constitutive.law import ContactLaw
-from constitutive.parameters import Material
-from fem.loads import Displacement, Fixed, Stage
-from fem.mesh import rectangle
-from fem.space import Space
-from fem.stepping import StepControl
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Material
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.stepping import StepControl
+from granfabric.fem.loads.kinds import Displacement, Fixed, Stage
+from granfabric.fem.mesh.host_mesh import rectangle
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 

@@ -9,17 +9,17 @@ import pytest
 from fem_meshes import ELASTIC, distorted
 from test_checkpoint import same
 
-from constitutive.contract import Status, UpdateReport
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.linear_elastic import ElasticMaterial, LinearElasticLaw
-from constitutive.parameters import Closure, Material
-from fem.checkpoint import CheckpointFolder
-from fem.control import StepControl
-from fem.loads import BodyForce, Displacement, Fixed, Pressure, Stage
-from fem.problem import Problem
-from fem.space import Space
-from fem.stepping import solve
+from granfabric.constitutive.contract import Status, UpdateReport
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Material
+from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.checkpoint import CheckpointFolder
+from granfabric.fem.equilibrium.control import StepControl
+from granfabric.fem.equilibrium.stepping import solve
+from granfabric.fem.loads.kinds import BodyForce, Displacement, Fixed, Pressure, Stage
+from granfabric.fem.loads.problem import Problem
 
 GRAINS = Material(
     coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9, bulk_reduction=0.88, shear_reduction=0.69

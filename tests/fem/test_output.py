@@ -14,11 +14,11 @@ from vtkmodules.vtkCommonDataModel import VTK_BIQUADRATIC_QUAD, VTK_QUAD, VTK_QU
 from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
-from constitutive.contract import LawDescription, Variable
-from fem.loads import Displacement, Fixed, Stage
-from fem.output import FieldWriter, OutputError, padded_tensor, point_fields
-from fem.space import Space
-from fem.vtu import GridWriter
+from granfabric.constitutive.contract import LawDescription, Variable
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.loads.kinds import Displacement, Fixed, Stage
+from granfabric.fem.output.fields import FieldWriter, OutputError, padded_tensor, point_fields
+from granfabric.fem.output.vtu import GridWriter
 
 PRESS = [Fixed("bottom"), Displacement("top", "y", -0.01)]
 VTK_CELLS = {"P1": VTK_TRIANGLE, "P2": VTK_QUADRATIC_TRIANGLE, "Q1": VTK_QUAD, "Q2": VTK_BIQUADRATIC_QUAD}

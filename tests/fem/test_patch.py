@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from fem_meshes import ELASTIC, ELEMENTS, PLASTIC, distorted, nodal, run
 
-from fem.loads import Displacement, Fixed, FixedPoint, Pressure, Stage, Traction
-from fem.space import Space
-from fem.stepping import StepControl
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.stepping import StepControl
+from granfabric.fem.loads.kinds import Displacement, Fixed, FixedPoint, Pressure, Stage, Traction
 
 SIDES = ("bottom", "right", "top", "left")
 GRADIENT = np.array([[1e-3, 4e-4], [-7e-4, 2e-3]])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from fem_meshes import ELEMENTS, cell_of, distorted
 
-from fem.mesh import rectangle
-from fem.projection import Projection
-from fem.space import Space
+from granfabric.fem.discretisation.projection import Projection
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.mesh.host_mesh import rectangle
 
 
 @pytest.mark.parametrize("element", ELEMENTS)

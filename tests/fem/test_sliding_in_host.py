@@ -7,14 +7,14 @@ import pytest
 from fem_meshes import distorted, run
 from test_one_element_host import CORNERS, OneElement
 
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Material
-from constitutive.path import Leg, drive
-from fem.loads import Displacement, Fixed, FixedPoint, Pressure, Stage
-from fem.mesh import build_mesh, rectangle
-from fem.space import Space
-from fem.stepping import StepControl
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Material
+from granfabric.constitutive.path import Leg, drive
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.stepping import StepControl
+from granfabric.fem.loads.kinds import Displacement, Fixed, FixedPoint, Pressure, Stage
+from granfabric.fem.mesh.host_mesh import build_mesh, rectangle
 
 PRESSURE = 1e5
 PACKING = {

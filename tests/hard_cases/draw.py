@@ -13,13 +13,13 @@ from fem_meshes import ELEMENTS, distorted, nodal, run  # noqa: E402
 from hard_laws import PRESSURE, closures, follow, make_law, material, steps_to, stress_of  # noqa: E402
 from test_fields import obtuse  # noqa: E402
 
-from cases.plot_style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, picture  # noqa: E402
-from constitutive.contract import Status  # noqa: E402
-from constitutive.linear_elastic import ElasticMaterial, LinearElasticLaw  # noqa: E402
-from constitutive.parameters import Closure, Integration  # noqa: E402
-from fem.loads import BodyForce, Displacement, Fixed, Stage  # noqa: E402
-from fem.mesh import rectangle  # noqa: E402
-from fem.space import Space  # noqa: E402
+from granfabric.cases.pictures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, picture  # noqa: E402
+from granfabric.constitutive.contract import Status  # noqa: E402
+from granfabric.constitutive.parameters import Closure, Integration  # noqa: E402
+from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw  # noqa: E402
+from granfabric.fem.discretisation.space import Space  # noqa: E402
+from granfabric.fem.loads.kinds import BodyForce, Displacement, Fixed, Stage  # noqa: E402
+from granfabric.fem.mesh.host_mesh import rectangle  # noqa: E402
 
 FIGURES = HOME.parent.parent / "docs" / "figures"
 COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK)

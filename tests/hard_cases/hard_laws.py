@@ -9,10 +9,10 @@ from typing import Any, get_args, get_type_hints
 import numpy as np
 import pytest
 
-from constitutive.contract import Status
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Integration, Integrator, Material, ParameterError
+from granfabric.constitutive.contract import Status
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Integration, Integrator, Material, ParameterError
 
 PRESSURE = 1e5
 """[Pa]; kn/p = 1e4 as in the source."""

@@ -9,13 +9,13 @@ import pytest
 from fem_meshes import ELEMENTS, cell_of, nodal, run
 from hard_laws import PRESSURE, each_closure, make_law, material
 
-from constitutive.linear_elastic import ElasticMaterial, LinearElasticLaw
-from constitutive.parameters import Closure
-from constitutive.path import Leg, drive
-from fem.loads import BodyForce, Displacement, Fixed, Stage
-from fem.mesh import HostMesh, build_mesh, rectangle
-from fem.space import Space
-from fem.stepping import StepControl
+from granfabric.constitutive.parameters import Closure
+from granfabric.constitutive.path import Leg, drive
+from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.stepping import StepControl
+from granfabric.fem.loads.kinds import BodyForce, Displacement, Fixed, Stage
+from granfabric.fem.mesh.host_mesh import HostMesh, build_mesh, rectangle
 
 SIDES = ("bottom", "right", "top", "left")
 

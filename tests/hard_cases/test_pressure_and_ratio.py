@@ -23,10 +23,10 @@ from hard_laws import (
     stress_of,
 )
 
-from constitutive.contract import Status
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Integration
-from constitutive.runge_kutta import SMALLEST_COORDINATION
+from granfabric.constitutive.contract import Status
+from granfabric.constitutive.lanes.runge_kutta import SMALLEST_COORDINATION
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Integration
 
 P0 = 0.5
 EVERY, EACH = each_closure(), each_integration()

@@ -15,11 +15,11 @@ from hard_laws import PRESSURE, Trail, closures, effect_sets, follow, integratio
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from constitutive.contract import Status
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Integration, Material
-from constitutive.runge_kutta import TABLEAUS
+from granfabric.constitutive.contract import Status
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.lanes.runge_kutta import TABLEAUS
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Integration, Material
 
 STEPS = 6
 POINTS = {"mean_field": 200}

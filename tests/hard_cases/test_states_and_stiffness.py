@@ -22,10 +22,10 @@ from hard_laws import (
     stress_of,
 )
 
-from constitutive.contract import Status
-from constitutive.effects import Effects
-from constitutive.law import ContactLaw
-from constitutive.parameters import Closure, Integration
+from granfabric.constitutive.contract import Status
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Integration
 
 CLOSURES = closures()
 EVERY, EACH = each_closure(), each_integration()

@@ -11,12 +11,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from constitutive.linear_elastic import ElasticMaterial, LinearElasticLaw
-from fem.loads import Displacement, Fixed, Stage, Traction
-from fem.mesh import build_mesh
-from fem.problem import Problem
-from fem.space import Space
-from fem.stepping import StepControl, solve
+from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.stepping import StepControl, solve
+from granfabric.fem.loads.kinds import Displacement, Fixed, Stage, Traction
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.mesh.host_mesh import build_mesh
 
 E, NU = 1000.0, 0.3
 G = E / (2 * (1 + NU))
@@ -143,7 +143,7 @@ def test_closed_forms_are_in_equilibrium_and_fit_hookes_law():
 
 def test_stress_concentration_of_three_at_the_hole():
     # sigma_xx at the top of the hole is three times the remote tension; from the fine mesh, by projection.
-    from fem.projection import Projection
+    from granfabric.fem.discretisation.projection import Projection
 
     _, step, space = error_and_solution("P2", 32, kirsch)
     stress = Projection(space)(step.stress)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from contact_law_cases import PRESSURE, Points, law, material
 
-from constitutive.path import Leg, drive
+from granfabric.constitutive.path import Leg, drive
 
 P_CONSTANT = {0.1: (-1.1, -0.9), 0.2: (-1.2, -0.8), 0.3: (-1.3, -0.7)}
 

@@ -13,12 +13,18 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import minimize_scalar, root
 from scipy.stats import norm
 
-from constitutive.effects import Effects
-from constitutive.force_fabric import FRICTIONAL, LENGTH, MU, T1, force_fabric
-from constitutive.parameters import Closure, ParameterError
-from constitutive.path import Leg, drive
-from constitutive.tangential_force import tangential_magnitude
-from constitutive.weak_forces import excess_and_tail, negative_part, normal_density, positive_part, upper_tail
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.network.force_fabric import FRICTIONAL, LENGTH, MU, T1, force_fabric
+from granfabric.constitutive.network.tangential_force import tangential_magnitude
+from granfabric.constitutive.network.weak_forces import (
+    excess_and_tail,
+    negative_part,
+    normal_density,
+    positive_part,
+    upper_tail,
+)
+from granfabric.constitutive.parameters import Closure, ParameterError
+from granfabric.constitutive.path import Leg, drive
 
 ANGLES = 2 * np.pi * np.arange(256) / 256
 E = np.array([np.cos(ANGLES), np.sin(ANGLES)])

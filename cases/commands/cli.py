@@ -1,0 +1,285 @@
+"""The command line `granfabric`.
+
+Heavy modules are imported by the commands that need them, so that help and the list of scenes appear at once.
+Exit codes: 0 done; 1 the computation could not finish (what was reached is on disk); 2 bad input.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+from granfabric.cases.errors import InputError, RunError
+
+INTERRUPTED = 130
+"""What the library of the command line makes of Ctrl-C."""
+
+app = typer.Typer(
+    name="granfabric",
+    help="Contact gain and loss in granular assemblies: at a point, and in boundary-value problems.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A shipped scene's name or a scene file.")]
+OutputOption = Annotated[
+    Optional[Path],  # noqa: UP045  (typer reads the annotation at run time)
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="Result folder, results/SCENE if not given; new, empty, or of an earlier run, which is replaced.",
+    ),
+]
+SetOption = Annotated[
+    Optional[list[str]],  # noqa: UP045
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scene, e.g. material.coordination=3.9."),
+]
+UpgradeOption = Annotated[
+    bool,
+    typer.Option("--upgrade", help="Run again with the effects of which the audit says that they were missing."),
+]
+
+
+def _upgraded(scene: str, given: list[str], record: Any, screen: Any) -> Any:
+    """The scene with what the audit of a run asks for, which is added to the assignments given so far."""
+    from granfabric.cases.scene.reader import load
+
+    more = record.details["upgrade"]
+    screen.say(f"running again with {', '.join(more)}")
+    given += more
+    return load(scene, given)
+
+
+def _folder(output: Path | None, name: str) -> Path:
+    return output if output is not None else Path("results") / name
+
+
+def _exit(outcome: str) -> None:
+    if outcome != "finished":
+        raise typer.Exit(1)
+
+
+@app.command()
+def run(
+    scene: SceneArgument,
+    output: OutputOption = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the folder.")] = False,
+    assignments: SetOption = None,
+    upgrade: UpgradeOption = False,
+) -> None:
+    """Compute a boundary-value problem."""
+    from granfabric.cases.terminal.early_kernels import early_kernels
+
+    with early_kernels() as kernels:
+        from granfabric.cases.scene.reader import load
+        from granfabric.cases.terminal.screen import Screen
+
+        from . import accuracy_report
+        from .run import run_field
+
+        given, screen = list(assignments or []), Screen()
+        loaded = load(scene, given)
+        loaded.require("field")
+        accuracy_report.announce(loaded, screen)
+        record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels)
+        while upgrade and record.outcome == "finished" and record.details.get("upgrade"):
+            loaded = _upgraded(scene, given, record, screen)
+            record = run_field(loaded, _folder(output, loaded.name), screen, False, kernels)
+        accuracy_report.report(loaded, record, screen)
+        _exit(record.outcome)
+
+
+@app.command()
+def point(
+    scene: SceneArgument, output: OutputOption = None, assignments: SetOption = None, upgrade: UpgradeOption = False
+) -> None:
+    """Compute one point along a path of stress or strain."""
+    from granfabric.cases.scene.reader import load
+    from granfabric.cases.terminal.screen import Screen
+
+    from . import accuracy_report
+    from .point import run_point
+
+    given, screen = list(assignments or []), Screen()
+    loaded = load(scene, given)
+    accuracy_report.announce(loaded, screen)
+    record = run_point(loaded, _folder(output, loaded.name), screen)
+    while upgrade and record.outcome == "finished" and record.details.get("upgrade"):
+        loaded = _upgraded(scene, given, record, screen)
+        record = run_point(loaded, _folder(output, loaded.name), screen)
+    accuracy_report.report(loaded, record, screen)
+    _exit(record.outcome)
+
+
+@app.command()
+def dem(
+    scene: SceneArgument,
+    output: OutputOption = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the folder.")] = False,
+    assignments: SetOption = None,
+) -> None:
+    """Pack and load disks by the discrete element method; measure the inputs of the point law."""
+    from granfabric.cases.scene.reader import load
+    from granfabric.cases.terminal.screen import Screen
+
+    from .dem import run_dem
+
+    loaded = load(scene, assignments or [])
+    _exit(run_dem(loaded, _folder(output, loaded.name), Screen(), resume).outcome)
+
+
+@app.command()
+def verify(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Result folder; DEM runs in it are used again.")
+    ] = Path("results/verify"),
+    particles: Annotated[int, typer.Option("--particles", metavar="N", help="Disks of a packing.")] = 2500,
+    seeds: Annotated[int, typer.Option("--seeds", metavar="K", help="Packings; their scatter is the yardstick.")] = 1,
+) -> None:
+    """Compare the point law with the DEM: the source's four figures and a table of errors."""
+    from granfabric.cases.terminal.screen import Screen
+
+    from .verify import run_verify
+
+    _exit(run_verify(output, particles, seeds, Screen()).outcome)
+
+
+@app.command()
+def cost(
+    study: Annotated[Optional[str], typer.Argument(metavar="[STUDY]", help="One study; all if not given.")] = None,  # noqa: UP045
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", metavar="DIR", help="Result folder; studies in it that are not asked for stay."),
+    ] = Path("results/cost"),
+    quick: Annotated[bool, typer.Option("--quick", help="Few and small settings, for a first look.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Pass over studies that finished in DIR.")] = False,
+) -> None:
+    """Measure what accuracy costs in time: tables, work-precision pictures, one page."""
+    from granfabric.cases.terminal.screen import Screen
+
+    from .cost import run_cost
+
+    _exit(run_cost(study, output, Screen(), quick, resume).outcome)
+
+
+@app.command()
+def convergence(
+    scene: SceneArgument,
+    refine: Annotated[
+        str, typer.Option("--refine", metavar="N,N,...", help="Factors on the numbers of cells, ascending.")
+    ] = "1,2,4",
+    output: OutputOption = None,
+    assignments: SetOption = None,
+) -> None:
+    """Compare a scene with its closed form on finer and finer meshes, at constant stiffness."""
+    from granfabric.cases.terminal.screen import Screen
+
+    from .convergence import run_convergence
+
+    factors = refine.split(",")
+    if not all(factor.isdecimal() for factor in factors):
+        raise InputError(f"--refine {refine!r} is not a list of numbers such as 1,2,4")
+    name = f"{Path(scene).stem}_convergence"
+    run_convergence(scene, assignments or [], [int(factor) for factor in factors], _folder(output, name), Screen())
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON schema of scene files, from which editors take completion and checks."""
+    from granfabric.cases.scene.schema import schema_text
+
+    typer.echo(schema_text(), nl=False)
+
+
+@app.command()
+def effects(scene: SceneArgument, assignments: SetOption = None) -> None:
+    """Decide which effects a scene needs, and say why."""
+    from granfabric.cases.scene.reader import load
+    from granfabric.cases.terminal.screen import Screen
+
+    from .effects import show_effects
+
+    show_effects(load(scene, assignments or []), Screen())
+
+
+@app.command()
+def scenes(
+    name: Annotated[Optional[str], typer.Argument(metavar="[NAME]", help="Show the text of this scene.")] = None,  # noqa: UP045
+    copy: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--copy", metavar="NAME", help="Copy this scene into a folder to start from."),
+    ] = None,
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("-o", "--output", metavar="DIR", help="Folder for --copy; NAME if not given."),
+    ] = None,
+) -> None:
+    """List the shipped scenes, show the text of one, or copy one."""
+    from granfabric.cases.errors import unknown
+    from granfabric.cases.scene import catalogue
+
+    if copy is not None:
+        for file in catalogue.copy(copy, output if output is not None else Path(copy)):
+            typer.echo(str(file))
+        return
+    entries = catalogue.shipped()
+    if name is not None:
+        if name not in entries:
+            raise InputError(unknown("the shipped scene", name, entries))
+        entry = entries[name]
+        typer.echo(f"{entry.name} ({entry.kind}): {entry.title}\n\n{entry.description.strip()}")
+        return
+    for kind, command in (
+        ("point", "granfabric point NAME"),
+        ("field", "granfabric run NAME"),
+        ("dem", "granfabric dem NAME"),
+    ):
+        typer.echo(f"{command}")
+        group = ""
+        for entry in entries.values():
+            if entry.kind != kind:
+                continue
+            if entry.group != group:
+                group = entry.group
+                typer.echo(f"  {group}")
+            typer.echo(f"{'    ' if group else '  '}{entry.name:20} {entry.title}")
+
+
+@app.command()
+def plot(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a finished or interrupted run.")],
+) -> None:
+    """Make the pictures of a run from its files."""
+    from granfabric.cases.pictures.draw import draw_folder
+
+    for file in draw_folder(directory):
+        typer.echo(str(file))
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    try:
+        app()
+    except SystemExit as error:
+        if error.code != INTERRUPTED:
+            raise
+        sys.stderr.write("granfabric: interrupted\n")
+        sys.exit(1)
+    except InputError as error:
+        sys.stderr.write(f"granfabric: {error}\n")
+        sys.exit(2)
+    except (RunError, OSError) as error:
+        sys.stderr.write(f"granfabric: {error}\n")
+        sys.exit(1)
+    except MemoryError:
+        sys.stderr.write("granfabric: there is not enough memory for this\n")
+        sys.exit(1)
+    except KeyboardInterrupt:
+        sys.stderr.write("granfabric: interrupted\n")
+        sys.exit(1)

@@ -1,0 +1,203 @@
+"""`granfabric cost`: run studies, write their files, keep finished ones whatever happens."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from granfabric.cases.cost.catalogue import STUDIES, chosen
+from granfabric.cases.cost.page import page
+from granfabric.cases.cost.study import Effort, Row, Study, StudyError, StudyStopped
+from granfabric.cases.errors import InputError, RunError
+from granfabric.cases.records import files
+from granfabric.cases.records.record import versions
+from granfabric.cases.terminal.clock import one_thread
+from granfabric.cases.terminal.compile_watch import watching
+from granfabric.cases.terminal.interruption import stop_wish
+from granfabric.cases.terminal.screen import Screen
+
+RECORD, PAGE, STORE = "cost.json", "cost.md", "dem"
+FORMAT = 1
+KIND = "cost"
+COMPILATION_SECONDS = 60
+"""Rough time to compile all kernels, for the message on first use."""
+ROUNDS, QUICK_ROUNDS = 3, 1
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How the command ended: `finished`, or `stopped` on request; and which studies were finished by it."""
+
+    outcome: str
+    studies: tuple[str, ...]
+
+
+def read_record(folder: Path) -> dict[str, Any] | None:
+    """The `cost.json` of a folder if it is one of ours, else None."""
+    try:
+        data = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    ours = isinstance(data, dict) and data.get("program") == files.PROGRAM and data.get("kind") == KIND
+    return data if ours and isinstance(data.get("studies"), dict) else None
+
+
+def run_cost(
+    name: str | None, folder: Path, screen: Screen, quick: bool = False, resume: bool = False
+) -> Outcome:
+    """Compute the named study, or all, and write table, picture and page.
+
+    What is asked for is computed anew, unless `resume` asks to keep what has finished. Studies that are in the folder
+    already and not asked for stay, with the time at which they were made. A study's files are replaced when it has
+    finished, never before; one that cannot be computed does not keep the others from being.
+
+    Parameters
+    ----------
+    name : str or None
+        None for all studies.
+    folder : Path
+        New, empty, or of an earlier `granfabric cost`.
+    screen : Screen
+    quick : bool
+        Few and small settings.
+    resume : bool
+        Pass over studies that finished in this folder, in the same size.
+
+    Raises
+    ------
+    InputError
+        If there is no such study or the folder holds something else; then nothing was written.
+    RunError
+        If a study could not be computed; the others are on disk.
+    """
+    asked = chosen(name)
+    record = _take_folder(folder)
+    studies = [study for study in asked if not (resume and record["studies"].get(study.name, {}).get("quick") is quick)]
+    done: list[str] = []
+    failed: list[str] = []
+    with (
+        watching(screen.announce_compilation(COMPILATION_SECONDS)),
+        stop_wish(lambda: screen.say("stopping (Ctrl-C again stops at once)")) as stop,
+        one_thread(),
+    ):
+        for place, study in enumerate(studies):
+            screen.say(f"study {place + 1} of {len(studies)}, {study.name}: {study.question}")
+            try:
+                rows, duration = _compute(study, quick, screen, stop, folder / STORE)
+            except (StudyStopped, KeyboardInterrupt):
+                return _stopped(studies, done, folder, screen)
+            except StudyError as error:
+                failed.append(f"study {study.name}: {error}")
+                screen.say(failed[-1])
+                continue
+            _write(folder, record, study, rows, duration, quick)
+            done.append(study.name)
+            for text in record["studies"][study.name]["findings"]:
+                screen.say(f"  {text}")
+    kept = [other for other in record["studies"] if other not in done]
+    if kept:
+        screen.say(f"kept from earlier: {', '.join(kept)}")
+    if failed:
+        raise RunError(f"{'; '.join(failed)}; finished: {', '.join(done) or 'none'}")
+    screen.say(f"page, tables and pictures in {folder / PAGE}")
+    return Outcome("finished", tuple(done))
+
+
+def _whole(folder: Path, name: str, entry: Any) -> bool:
+    """Whether an entry of a record is a study of today's, with all its columns and its table."""
+    if name not in STUDIES or not isinstance(entry, dict) or not (folder / f"{name}.csv").is_file():
+        return False
+    rows = entry.get("rows")
+    columns = {column.name for column in STUDIES[name].columns}
+    return isinstance(rows, list) and bool(rows) and all(isinstance(row, dict) and set(row) == columns for row in rows)
+
+
+def _stopped(studies: Sequence[Study], done: Sequence[str], folder: Path, screen: Screen) -> Outcome:
+    missing = [study.name for study in studies if study.name not in done]
+    screen.say(f"stopped; finished: {', '.join(done) or 'none'}; not computed: {', '.join(missing)}; see {folder}")
+    return Outcome("stopped", tuple(done))
+
+
+def _compute(study: Study, quick: bool, screen: Screen, stop: Any, store: Path) -> tuple[list[Row], float]:
+    since = time.perf_counter()
+    with screen.progress(study.name, 1.0) as show:
+
+        def advance(done: int, total: int, text: str) -> None:
+            if stop():
+                raise StudyStopped
+            show(done / total, text)
+
+        rows = study.rows(Effort(quick, QUICK_ROUNDS if quick else ROUNDS, advance, store))
+    return rows, time.perf_counter() - since
+
+
+def _take_folder(folder: Path) -> dict[str, Any]:
+    """Make the folder; the record of the studies in it.
+
+    Raises
+    ------
+    InputError
+    """
+    empty: dict[str, Any] = {"program": files.PROGRAM, "kind": KIND, "format": FORMAT, "studies": {}}
+    found = read_record(folder)
+    if found is None:
+        if folder.is_dir() and files.read_record(folder) is not None:
+            raise InputError(
+                f"the output folder {str(folder)!r} holds the result of another command; choose a new or empty folder "
+                "with -o"
+            )
+        files.check_output(folder)
+    elif not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"the output folder {str(folder)!r} cannot be written: it is write-protected")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"the output folder {str(folder)!r} cannot be made: {error.strerror}") from error
+    if found is None:
+        # from here on the folder is ours, also if the first study does not finish
+        files.write_json(folder / RECORD, empty)
+        return empty
+    kept = {name: entry for name, entry in found["studies"].items() if _whole(folder, name, entry)}
+    return {**empty, "studies": kept}
+
+
+def _write(
+    folder: Path, record: dict[str, Any], study: Study, rows: Sequence[Row], duration: float, quick: bool
+) -> None:
+    names = [column.name for column in study.columns]
+    table = [["" if _missing(row[name]) else row[name] for name in names] for row in rows]
+    files.write_text(folder / f"{study.name}.csv", files.csv_text(names, table))
+    study.draw(folder / f"{study.name}.png", rows)
+    record["studies"][study.name] = {
+        "question": study.question,
+        "knobs": dict(study.knobs),
+        "columns": {column.name: {"meaning": column.meaning, "unit": column.unit} for column in study.columns},
+        "findings": study.findings(rows),
+        "rows": [{name: None if _missing(row[name]) else row[name] for name in names} for row in rows],
+        "quick": quick,
+        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+        "duration": round(duration, 3),
+    }
+    record["studies"] = {name: record["studies"][name] for name in STUDIES if name in record["studies"]}
+    record["versions"] = versions()
+    record["machine"] = f"{platform.system()} {platform.machine()}, {os.cpu_count()} processors, one used"
+    files.write_json(folder / RECORD, record)
+    files.write_text(folder / PAGE, page(record, [(STUDIES[name], _rows(record, name)) for name in record["studies"]]))
+
+
+def _rows(record: dict[str, Any], name: str) -> list[Row]:
+    """Rows of a study from the record; what is missing there is NaN."""
+    rows = record["studies"][name]["rows"]
+    return [{key: math.nan if value is None else value for key, value in row.items()} for row in rows]
+
+
+def _missing(value: Any) -> bool:
+    return isinstance(value, float) and not math.isfinite(value)

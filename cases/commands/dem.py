@@ -1,0 +1,294 @@
+"""Packing, measurement and loading of disks by the discrete element method: `granfabric dem`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granfabric.cases.errors import InputError, RunError
+from granfabric.cases.records import files
+from granfabric.cases.records.dem_series import DemSeries, history_text
+from granfabric.cases.records.record import Record, resolved
+from granfabric.cases.scene.dem_path import PathError, packing_options, run_options
+from granfabric.cases.scene.material_file import material_text, read_material
+from granfabric.cases.scene.reader import LoadedScene
+from granfabric.cases.terminal.compile_watch import CompileWatch, watching
+from granfabric.cases.terminal.interruption import StopWish, stop_wish
+from granfabric.cases.terminal.screen import Screen, spread
+from granfabric.dem_ref.dynamics.motion import UnstableMotionError
+from granfabric.dem_ref.dynamics.packing import PackingError, make_packing
+from granfabric.dem_ref.inputs.material import measure_material
+from granfabric.dem_ref.inputs.probes import ProbeError
+from granfabric.dem_ref.inputs.sliding import measure_sliding
+from granfabric.dem_ref.inputs.weak_contacts import LOOP_STRESS_RATIO
+from granfabric.dem_ref.loading.run import DemRun, RunOptions
+from granfabric.dem_ref.measures.contacts import contacts_of, coordination_number, fabric_anisotropy, unbalanced_force
+from granfabric.dem_ref.sample.disks import Sample, SampleError, load_sample, save_sample
+from granfabric.dem_ref.sample.neighbours import CellTooSmallError
+
+COMPILATION_SECONDS = 15
+"""Rough time to compile the kernels of the DEM, for the message on first use."""
+
+
+PHASES = ("packing", "measuring", "loading")
+
+
+class _Stopped(Exception):
+    """Ctrl-C between two parts of the packing."""
+
+
+def measured_inputs(
+    sample: Sample, rattlers: str = "included", loop_stress_ratio: float = LOOP_STRESS_RATIO
+) -> dict[str, float]:
+    """Everything measured on a packing that the point law may take, by the names of scene keys.
+
+    Besides `dem_ref.material.measure_material` the fabric of the packing itself, which is isotropic only on average.
+    """
+    fabric = fabric_anisotropy(contacts_of(sample))
+    measured = measure_material(sample, rattlers, loop_stress_ratio)
+    measured |= {"initial_fabric_xx": fabric[0], "initial_fabric_xy": fabric[1]}
+    return {name: float(value) for name, value in measured.items() if np.isfinite(value)}
+
+
+def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = False) -> Record:
+    """Compute a DEM scene and write its files.
+
+    Parameters
+    ----------
+    loaded : LoadedScene
+        Of kind "dem".
+    folder : Path
+        Result folder: new, empty, or of an earlier run, which is replaced, or continued with `resume`.
+    screen : Screen
+    resume : bool
+        Go on from the packing or the checkpoint in the folder.
+
+    Returns
+    -------
+    Record
+        As written to `run.json`; `outcome` is "finished", "stopped" or "failed".
+
+    Raises
+    ------
+    InputError
+        If the scene is of another kind, a leg does not follow, or the folder cannot be used; then nothing was written.
+    RunError
+        If the run broke off within a step; what was written before can be resumed.
+    """
+    scene = loaded.scene
+    loaded.require("dem")
+    try:
+        options = run_options(scene)
+    except PathError as error:
+        raise loaded.error(["path"], str(error)) from error
+    record = Record(folder, loaded.name, resolved(loaded, None))
+    with (
+        watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
+        stop_wish(screen.announce_stop) as stop,
+    ):
+        kept: tuple[Sample | None, DemRun | None] = (None, None)
+        if resume:
+            _take_over(folder, record)
+            kept = _kept(folder, options)
+        else:
+            files.prepare_output(folder)
+        record.write()
+        try:
+            sample = kept[0] or _packing(scene, record, screen, stop, watch)
+            _measure(scene, sample, record, screen, watch)
+            run = _load(loaded.name, kept[1] or DemRun(sample, options), sample, record, screen, stop, watch)
+            if scene.measure.sliding and run.finished:
+                _measure_sliding(scene, run, record, screen)
+        except _Stopped:
+            record.outcome, record.message = "stopped", "stopped while packing"
+            run = None
+        except (PackingError, CellTooSmallError, SampleError, UnstableMotionError) as error:
+            record.outcome, record.message = "failed", str(error)
+            run = None
+        except KeyboardInterrupt as error:
+            raise record.broken_off("interrupted within a step") from error
+        except OSError as error:
+            raise record.broken_off(f"results cannot be written any more: {error}") from error
+    record.timing["compilation"] = watch.seconds
+    record.write()  # before the pictures: an interruption of theirs does not make the run unfinished
+    if run is not None and scene.output.pictures:
+        from granfabric.cases.pictures.draw import draw
+
+        try:
+            with record.phase("pictures"):
+                draw(folder, record.scene)
+        except KeyboardInterrupt as error:
+            raise RunError(f"interrupted while drawing; `granfabric plot {folder}` makes the pictures") from error
+    record.write()
+    _report(run, record, screen)
+    return record
+
+
+def _take_over(folder: Path, record: Record) -> None:
+    """Go on with the record of a folder; refuse one that holds no DEM run of the same scene."""
+    earlier = files.whole_record(folder)
+    if earlier is None or earlier.get("kind") != "dem":
+        raise InputError(f"{str(folder)!r} holds no DEM run to resume; leave out --resume to begin one")
+    for section in ("packing", "path", "rates", "measure", "output"):
+        if earlier["scene"].get(section) != record.scene.get(section):
+            raise InputError(
+                f"{str(folder)!r} holds a run with another [{section}]; resume it with the same scene and --set, "
+                "or leave out --resume to begin anew"
+            )
+    record.started = earlier.get("started", record.started)
+    for phase in PHASES:
+        if phase in earlier.get("timing", {}):
+            record.timing[phase] = earlier["timing"][phase]
+    for entry in ("material", "million_particle_steps_a_second"):
+        if entry in earlier:
+            record.details[entry] = earlier[entry]
+
+
+def _kept(folder: Path, options: RunOptions) -> tuple[Sample | None, DemRun | None]:
+    """Packing and checkpoint of the run to go on with; refuses damaged ones before anything is changed."""
+    packing, checkpoint = folder / files.PACKING, folder / files.CHECKPOINT
+    try:
+        sample = load_sample(packing) if packing.is_file() else None
+        return sample, DemRun.resume(checkpoint, options) if sample is not None and checkpoint.is_file() else None
+    except SampleError as error:
+        raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
+
+
+def _packing(scene: Any, record: Record, screen: Screen, stop: StopWish, watch: CompileWatch) -> Sample:
+    """The packing, made and stored."""
+    with screen.progress("packing", 1.0) as advance, record.phase("packing", watch):
+
+        def report(text: str, fraction: float) -> None:
+            advance(fraction, text)
+            if stop.wished:
+                raise _Stopped
+
+        packing = scene.packing
+        sample = make_packing(packing.particles, packing.seed, packing_options(scene), report)
+    save_sample(record.folder / files.PACKING, sample)
+    return sample
+
+
+def _measure(scene: Any, sample: Sample, record: Record, screen: Screen, watch: CompileWatch) -> None:
+    """Measure the inputs of the point law once, to `material.toml`."""
+    contacts = contacts_of(sample)
+    z = coordination_number(sample, contacts)
+    record.details["packing"] = {
+        "particles": sample.count,
+        "contacts": contacts.count,
+        "void_ratio": sample.void_ratio,
+        "coordination": z.all_particles,
+        "coordination_without_rattlers": z.without_rattlers,
+        "unbalanced_force": unbalanced_force(sample, contacts),
+    }
+    path = record.folder / files.MATERIAL
+    if path.is_file() or not scene.measure.material:
+        return
+    with screen.progress("measuring", 1.0) as advance, record.phase("measuring", watch):
+        advance(0.0, "probes and a loop on copies of the packing")
+        try:
+            measured = measured_inputs(sample, scene.measure.rattlers, scene.measure.loop_stress_ratio)
+        except (ProbeError, SampleError) as error:
+            record.details["material"] = f"not measured: {error}"
+            screen.say(f"the inputs of the point law could not be measured: {error}")
+            return
+    files.write_text(path, material_text(measured, record.scene["title"]))
+    record.details["material"] = files.MATERIAL
+
+
+def _measure_sliding(scene: Any, run: DemRun, record: Record, screen: Screen) -> None:
+    """Add the parameters of sliding, from the first leg, to `material.toml`."""
+    path = record.folder / files.MATERIAL
+    if not path.is_file():
+        return
+    tables = read_material(path)
+    both = {**tables["material"], **tables.get("closure", {})}
+    measured = {name: value for name, value in both.items() if isinstance(value, float)}
+    history = run.history()
+    # the last record of a leg already bears the number of the next
+    last = int(np.argmax(history["segment"] > 0)) or len(history["segment"]) - 1
+    history = {name: column[: last + 1] for name, column in history.items()}
+    try:
+        sliding, misfit = measure_sliding(history, measured, scene.measure.rattlers)
+    except SampleError as error:
+        record.details["sliding"] = f"not measured: {error}"
+        screen.say(f"the parameters of sliding could not be measured: {error}")
+        return
+    files.write_text(path, material_text(measured | sliding, record.scene["title"]))
+    record.details["sliding"] = {**sliding, "misfit": misfit}
+    screen.say(
+        f"sliding: peak {sliding['peak_stress_ratio']:.3f}, reference strain "
+        f"{sliding['reference_plastic_strain']:.2e}, dilatancy {sliding['dilatancy']:.2f} from q/p = "
+        f"{sliding['constant_volume_stress_ratio']:.2f} on; q/p at given strain within {100 * misfit:.1f} % of the run"
+    )
+
+
+def _load(
+    name: str, run: DemRun, sample: Sample, record: Record, screen: Screen, stop: StopWish, watch: CompileWatch
+) -> DemRun:
+    """Carry the sample along its path, on from the checkpoint if there is one."""
+    folder, output = record.folder, record.scene["output"]
+    checkpoint = folder / files.CHECKPOINT
+    resumed = checkpoint.is_file()
+    before, spent = run.motion.steps_done, record.timing.get("loading", 0.0)
+    series = DemSeries(folder, sample.position, output["every"], len(run.rows) - 1 if resumed else -1)
+
+    def on_record(state: DemRun) -> None:
+        files.write_text(folder / files.HISTORY, history_text(state))
+        series.add(len(state.rows) - 1, state.sample, last=state.finished)
+
+    with screen.progress(name, 1.0) as advance, record.phase("loading", watch):
+
+        def progress(state: DemRun) -> None:
+            row = state.rows[-1]
+            advance(state.completed_fraction(), f"leg {int(row[-1]) + 1}, q/p = {row[8] / row[7]:.3f}")
+
+        on_record(run)
+        run.execute(progress, stop, on_record, checkpoint, output["checkpoint_seconds"])
+    on_record(run)
+    record.outcome = "stopped" if not run.finished else "failed" if run.message else "finished"
+    record.message = run.message or ("" if run.finished else "stopped; continue with --resume")
+    record.details["dem_steps"] = run.motion.steps_done
+    record.details["records"] = len(run.rows)
+    steps, seconds = run.motion.steps_done - before, record.timing["loading"] - spent
+    if steps > 0 and seconds > 0.0:
+        record.details["million_particle_steps_a_second"] = steps * sample.count / seconds / 1e6
+    return run
+
+
+def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
+    if run is not None:
+        h = run.history()
+        rows = [
+            [
+                f"{int(h['segment'][max(row - 1, 0)]) + 1}",  # the last record of a leg counts it as done
+                f"{(h['strain_xx'][row] - h['strain_yy'][row]) * 1e6:.1f}",
+                f"{h['p'][row] / 1e3:.2f}",
+                f"{h['q'][row] / h['p'][row]:.4f}",
+                *(f"{h[name][row]:.4f}" for name in _TABLE),
+            ]
+            for row in spread(len(h["p"]), 9)
+        ]
+        head = ["part", "e_xx-e_yy [1e-6]", "p [kPa]", "q/p", "z", "a_c", "a_n", "a_t", "f/f0", "sliding"]
+        screen.table(record.scene["title"], head, rows)
+        packing = record.details["packing"]
+        screen.say(
+            f"{packing['particles']} disks, void ratio {packing['void_ratio']:.4f}, z {packing['coordination']:.3f} "
+            f"({packing['coordination_without_rattlers']:.3f} without rattlers); "
+            f"inertial number up to {h['inertial_number'].max():.1e}, "
+            f"unbalanced force up to {h['unbalanced_force'].max():.1e}"
+        )
+    if record.outcome != "finished":
+        screen.say(f"{record.outcome}: {record.message}")
+    phases = ", ".join(
+        f"{name} {record.timing[name]:.1f} s" for name in (*PHASES, "compilation") if name in record.timing
+    )
+    screen.say(f"{phases}; results in {record.folder}")
+
+
+_TABLE = (
+    "coordination", "fabric_anisotropy", "normal_force_anisotropy", "tangential_force_anisotropy",
+    "mean_normal_force", "sliding_fraction",
+)  # fmt: skip

@@ -1,0 +1,132 @@
+"""One material point along a path of stress or strain: `granfabric point`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from granfabric.cases.effects import audit as effects_audit
+from granfabric.cases.effects import report as effects_report
+from granfabric.cases.effects.resolve import settle_point
+from granfabric.cases.field import memory
+from granfabric.cases.records import files
+from granfabric.cases.records.record import Record, resolved
+from granfabric.cases.records.replay import start_state
+from granfabric.cases.scene import build
+from granfabric.cases.scene.effects_choice import resolve_effects
+from granfabric.cases.scene.point_path import legs_of
+from granfabric.cases.scene.reader import LoadedScene
+from granfabric.cases.terminal.compile_watch import watching
+from granfabric.cases.terminal.interruption import stop_wish
+from granfabric.cases.terminal.screen import Screen, spread
+from granfabric.constitutive.path import PathHistory, drive
+
+COMPILATION_SECONDS = 75
+"""Rough time to compile the kernels of the point law, for the message on first use."""
+
+BYTES_PER_STEP = 1000
+"""Memory that a row of the history takes."""
+
+AUDITED_INCREMENTS = 20_000
+"""Longest path that is gone through again for what was left out."""
+
+TABLE_COLUMNS = ("step", "p", "q", "coordination", "fabric_anisotropy", "normal_force_anisotropy", "mean_normal_force")
+
+
+def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
+    """Compute a point scene and write its files.
+
+    Parameters
+    ----------
+    loaded : LoadedScene
+        Of kind "point".
+    folder : Path
+        Result folder: new, empty, or of an earlier run, which is replaced.
+    screen : Screen
+
+    Returns
+    -------
+    Record
+        As written to `run.json`; `outcome` is "finished", "stopped" or "failed".
+
+    Raises
+    ------
+    InputError
+        If the scene is of another kind or the folder cannot be used; then nothing was written.
+    RunError
+        If the run broke off within the first step; later interruptions wait for its files.
+    """
+    loaded.require("point")
+    legs = legs_of(loaded.scene)
+    increments = sum(leg.increments for leg in legs)
+    memory.refuse_beyond(BYTES_PER_STEP * increments, f"{loaded.file}: path, {increments} increments in all,")
+    files.check_output(folder)
+    with watching(screen.announce_compilation(COMPILATION_SECONDS)) as early:
+        loaded, decision = settle_point(loaded)
+    effects_report.announce(decision, None, screen)
+    scene = loaded.scene
+    effects = resolve_effects(scene)
+    law = build.law(loaded, effects)
+    state = start_state(loaded, law.description)
+    files.prepare_output(folder)
+    record = Record(folder, loaded.name, resolved(loaded, effects))
+    record.details["decision"] = effects_report.as_data(decision)
+    record.write()
+    total = sum(leg.increments for leg in legs)
+    with stop_wish(screen.announce_stop) as stop:
+        with (
+            watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
+            screen.progress(loaded.name, total) as advance,
+            record.phase("path"),
+        ):
+
+            def on_step(done: int, of: int) -> None:
+                # From now on there is a history to lose. Steps are short once the kernels are compiled.
+                stop.shielded = True
+                advance(done, f"step {done} of {of}")
+
+            try:
+                history = drive(law, scene.initial.stress, legs, on_step=on_step, stop=stop, state=state)
+            except KeyboardInterrupt as error:
+                raise record.broken_off("interrupted within the first step") from error
+        record.timing["compilation"] = early.seconds + watch.seconds
+        record.timing["path"] -= watch.seconds
+        names = list(history.columns)
+        rows = list(zip(*(history.columns[name].tolist() for name in names)))
+        try:
+            files.write_text(folder / files.HISTORY, files.csv_text(names, rows))
+        except OSError as error:
+            raise record.broken_off(f"results cannot be written: {error}") from error
+        record.details["steps"] = len(rows) - 1
+        record.outcome = "finished" if history.finished else "stopped" if stop.wished else "failed"
+        record.message = history.message
+        record.write()
+    if scene.output.pictures:
+        from granfabric.cases.pictures.draw import draw
+
+        with record.phase("pictures"):
+            draw(folder, record.scene)
+        record.write()
+    _report(history, record, screen)
+    if history.finished and state is None and increments <= AUDITED_INCREMENTS:
+        with record.phase("audit"):
+            audit = effects_audit.audit_point(loaded, history)
+        effects_audit.conclude(audit, loaded, record, screen)
+        record.write()
+    return record
+
+
+def _report(history: PathHistory, record: Record, screen: Screen) -> None:
+    columns = history.columns
+    chosen = spread(len(columns["step"]), 8)
+    rows = []
+    for row in chosen:
+        p, q = columns["p"][row], columns["q"][row]
+        values = [f"{int(columns['step'][row])}", f"{p / 1e3:.2f}", f"{q / p:.3f}"]
+        rows.append(values + [f"{columns[name][row]:.4f}" for name in TABLE_COLUMNS[3:]])
+    screen.table(record.scene["title"], ["step", "p [kPa]", "q/p", "z", "a_c", "a_n", "f/f0"], rows)
+    if record.outcome != "finished":
+        screen.say(f"{record.outcome} after {record.details['steps']} steps: {record.message}")
+    screen.say(
+        f"{record.details['steps']} steps in {record.timing['path']:.2f} s "
+        f"(compilation {record.timing['compilation']:.1f} s); results in {record.folder}"
+    )

@@ -1,0 +1,244 @@
+"""A boundary-value problem: `granfabric run`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granfabric.cases.effects import audit as effects_audit
+from granfabric.cases.effects import report as effects_report
+from granfabric.cases.effects.resolve import settle_field
+from granfabric.cases.errors import InputError
+from granfabric.cases.field import comparison
+from granfabric.cases.field import mesh_error_estimate as mesh_judgement
+from granfabric.cases.field.prepare import prepare
+from granfabric.cases.records import files, resumption
+from granfabric.cases.records.field_history import FieldHistory
+from granfabric.cases.records.field_recorder import FieldRecorder
+from granfabric.cases.records.record import Record, resolved
+from granfabric.cases.records.replay import write_failed_point
+from granfabric.cases.scene import effects_choice
+from granfabric.cases.scene.reader import LoadedScene
+from granfabric.cases.terminal.compile_watch import CompileWatch, watching
+from granfabric.cases.terminal.early_kernels import EarlyKernels
+from granfabric.cases.terminal.interruption import stop_wish
+from granfabric.cases.terminal.screen import Screen, spread
+from granfabric.constitutive import warm_up as constitutive_warm_up
+from granfabric.fem import warm_up as fem_warm_up
+from granfabric.fem.equilibrium.checkpoint import Checkpoint, CheckpointError, CheckpointFolder
+from granfabric.fem.equilibrium.control import ControlError
+from granfabric.fem.equilibrium.results import RunSummary, StepResult
+from granfabric.fem.equilibrium.stepping import solve
+from granfabric.fem.output.fields import OutputError
+
+COMPILATION_SECONDS = 60
+"""Rough time to compile the kernels of law and host on two cores, for the message on first use."""
+
+
+def run_field(
+    loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = False, kernels: EarlyKernels | None = None
+) -> Record:
+    """Compute a field scene and write its files.
+
+    Parameters
+    ----------
+    loaded : LoadedScene
+        Of kind "field".
+    folder : Path
+        Result folder: new, empty, or of an earlier run, which is replaced.
+    screen : Screen
+    resume : bool
+        Go on with the run in the folder after its last checkpoint; the results are those of a run in one go, to the
+        last bit.
+    kernels : EarlyKernels, optional
+        Where the law's kernels are being compiled.
+
+    Returns
+    -------
+    Record
+        As written to `run.json`; `outcome` is "finished", "stopped" or "failed".
+
+    Raises
+    ------
+    InputError
+        If anything about the scene or the folder is not legal, or another input than that of the run to go on with;
+        then nothing was written.
+    RunError
+        If the run broke off within a step; what was reached before is on disk.
+    """
+    with watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch, stop_wish(screen.announce_stop) as stop:
+        files.check_output(folder)
+        earlier = resumption.earlier_record(folder) if resume else None
+        effects_choice.check(loaded)
+        prepared = prepare(loaded)
+        waited = 0.0 if earlier is not None else _compile(kernels, watch, stop, loaded.scene.output.pictures)
+        loaded, prepared, decision = settle_field(loaded, prepared, earlier, stop())
+        problem = prepared.problem
+        record = Record(folder, loaded.name, resolved(loaded, prepared.effects))
+        digest = resumption.mesh_digest(record.scene)
+        checkpoints = CheckpointFolder(folder, resumption.identity(record.scene, digest))
+        resumed = None
+        if earlier is not None:
+            resumption.check_same_input(folder, earlier, record.scene, digest)
+            if earlier["outcome"] == "finished":
+                screen.say(f"the run in {folder} is finished; nothing to do")
+                checkpoints.remove()
+                record.outcome, record.message = "finished", earlier["message"]
+                return record
+            resumed = _last_checkpoint(checkpoints, earlier, screen)
+        record.details["mesh_digest"] = digest
+        record.details["size"] = {
+            "elements": problem.space.nelements,
+            "degrees_of_freedom": problem.space.ndofs,
+            "integration_points": problem.space.npoints,
+        }
+        if resumed is None:
+            files.prepare_output(folder)
+            record.write()
+        else:
+            record.details["resumed_after_step"] = resumed.result.step
+        if earlier is not None:
+            waited = _compile(kernels, watch, stop, loaded.scene.output.pictures)
+        else:
+            record.details["decision"] = effects_report.as_data(decision)
+            effects_report.announce(decision, problem.law.description.linear_response, screen)
+        with (
+            screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
+            record.phase("run"),
+        ):
+            history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
+            try:
+                recorder = FieldRecorder(
+                    folder, problem, history, loaded.scene.output.every, advance, checkpoints, resumed
+                )
+                files.remove_unfinished(folder)
+                record.write()
+                ways = effects_audit.Ways(problem)
+
+                def on_step(step: StepResult) -> None:
+                    ways.add(step)
+                    recorder(step)
+
+                summary = solve(
+                    problem,
+                    prepared.control,
+                    on_step=on_step,
+                    stop=stop,
+                    resume=resumed,
+                    on_checkpoint=recorder.save,
+                )
+                recorder.close()
+            except ControlError as error:
+                raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
+            except (OutputError, OSError) as error:
+                raise record.broken_off(f"results cannot be written any more: {error}") from error
+            except KeyboardInterrupt as error:
+                raise record.broken_off("interrupted within a step") from error
+        _finish(record, summary, stop.wished)
+        if summary.failed_point is not None and record.outcome == "failed":
+            write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
+        record.timing["compilation"] = watch.seconds + waited
+        audit = None
+        if record.outcome == "finished" and resumed is None:  # else the ways of the first part are not known
+            with record.phase("audit"):
+                audit = effects_audit.audit_field(loaded, problem, ways)
+        if record.outcome == "finished" and loaded.scene.closed_form is not None:
+            comparison.write(folder, record, comparison.compare(loaded, problem, recorder.last))
+        if record.outcome == "finished":
+            with record.phase("mesh_error"):
+                mesh_judgement.judge(folder, record, problem, recorder.last)
+        record.write()
+        if loaded.scene.output.pictures:
+            from granfabric.cases.pictures.draw import draw
+
+            with record.phase("pictures"):
+                draw(folder, record.scene)
+            record.write()
+        if record.outcome == "finished":
+            checkpoints.remove()
+    _report(history, summary, record, screen)
+    mesh_judgement.report(record, screen)
+    comparison.report(record, screen)
+    if audit is not None:
+        effects_audit.conclude(audit, loaded, record, screen)
+        record.write()
+    return record
+
+
+def _last_checkpoint(checkpoints: CheckpointFolder, earlier: dict[str, Any], screen: Screen) -> Checkpoint | None:
+    """Where to go on; None if the run had not accepted a step yet."""
+    try:
+        resumed, complaints = checkpoints.load()
+    except CheckpointError as error:
+        raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
+    for text in complaints:
+        screen.say(f"{text}; going on from the one before")
+    other = resumption.other_versions(earlier)
+    if other:
+        screen.say(f"other versions than when the run began ({', '.join(other)}): last digits may differ")
+    if resumed is None:
+        screen.say("no step was finished; starting at the beginning")
+    else:
+        screen.say(f"going on after step {resumed.result.step}")
+    return resumed
+
+
+def _compile(kernels: EarlyKernels | None, watch: CompileWatch, stop: Callable[[], bool], pictures: bool) -> float:
+    """Share compiling with the other process, then the host's kernels; seconds spent waiting for the other."""
+    if kernels is None or not kernels.running:
+        return 0.0
+    watch.announce()
+    constitutive_warm_up.compile_late(lambda: kernels.running and not stop())
+    fem_warm_up.warm_up()
+    if pictures:  # imported now, it costs no time later
+        import_module("granfabric.cases.pictures.field")
+    return kernels.wait(stop)
+
+
+def _finish(record: Record, summary: RunSummary, stopped: bool) -> None:
+    record.outcome = "finished" if summary.finished else "stopped" if stopped else "failed"
+    record.message = summary.message
+    record.details["counters"] = dict(summary.counters)
+    record.details["linear_solver"] = summary.solver
+    record.details["reached"] = {"stage": summary.stage, "fraction": summary.fraction}
+    record.timing.update(summary.seconds)
+
+
+def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: Screen) -> None:
+    columns = dict(zip(history.names, zip(*history.rows)))
+    axial = max(("strain_xx", "strain_yy", "strain_xy"), key=lambda name: float(np.abs(columns[name]).max()))
+    rows = []
+    for row in spread(len(history.rows), 8):
+        p, q = columns["p"][row], columns["q"][row]
+        rows.append(
+            [
+                str(columns["step"][row]),
+                columns["stage"][row],
+                f"{columns[axial][row] * 1e6:.1f}",
+                f"{q / p:.4f}" if p else "-",
+                f"{columns['coordination'][row]:.4f}",
+                f"{columns['coordination_smallest'][row]:.4f}",
+                f"{columns['fabric_anisotropy'][row]:.4f}",
+                f"{columns['fabric_anisotropy_largest'][row]:.4f}",
+                str(columns["iterations"][row]),
+            ]
+        )
+    strain = axial.replace("strain", "eps")
+    names = ["step", "stage", f"{strain} [1e-6]", "q/p", "z", "z min", "a_c", "a_c max", "it."]
+    screen.table(f"{record.scene['title']}: means and extremes", names, rows)
+    size = record.details["size"]
+    screen.say(
+        f"{size['degrees_of_freedom']} degrees of freedom, {size['integration_points']} integration points; "
+        f"{len(history.rows) - 1} steps, {summary.counters.get('factorisations', 0)} factorisations ({summary.solver})"
+    )
+    if record.outcome != "finished":
+        screen.say(f"{record.outcome} in stage {summary.stage!r} at {summary.fraction:.0%}: {summary.message}")
+    screen.say(
+        f"{record.timing['total']:.1f} s in all, of which compilation {record.timing['compilation']:.1f} s, "
+        f"law {summary.seconds.get('law', 0.0):.1f} s, linear solver "
+        f"{summary.seconds.get('factorise', 0.0) + summary.seconds.get('solve', 0.0):.1f} s; results in {record.folder}"
+    )

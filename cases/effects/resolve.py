@@ -1,0 +1,82 @@
+"""From a loaded scene to one in which every effect is decided, before a run begins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from granfabric.cases.field.prepare import Prepared
+from granfabric.cases.scene import build, effects_choice
+from granfabric.cases.scene.reader import LoadedScene
+from granfabric.fem.loads.problem import Problem
+
+from .decision import Decision, decide_field, decide_point
+from .probe import index_of, network_of_state
+
+SETTLED = "the scene leaves nothing to decide"
+
+
+def settle_point(loaded: LoadedScene) -> tuple[LoadedScene, Decision]:
+    """Decide a point scene.
+
+    Raises
+    ------
+    InputError
+        If effects contradict each other.
+    """
+    effects_choice.check(loaded)
+    if effects_choice.is_settled(loaded.scene):
+        decision = Decision(effects_choice.everything(loaded.scene), note=SETTLED)
+    elif loaded.scene.initial.state is not None:
+        decision = Decision(effects_choice.everything(loaded.scene), note="initial.state tells what is carried")
+    else:
+        decision = decide_point(loaded)
+    return effects_choice.settled(loaded, decision.chosen), decision
+
+
+def settle_field(
+    loaded: LoadedScene, prepared: Prepared, earlier: dict[str, Any] | None = None, hasty: bool = False
+) -> tuple[LoadedScene, Prepared, Decision]:
+    """Decide a boundary-value problem, or take over what an earlier part of the run decided.
+
+    Parameters
+    ----------
+    loaded : LoadedScene
+        Checked by `effects_choice.check`.
+    prepared : Prepared
+        With everything on that the scene does not rule out.
+    earlier : dict, optional
+        Record of the run to go on with.
+    hasty : bool
+        Do not probe, because the user wishes to stop.
+    """
+    if earlier is not None:
+        decision = Decision(effects_choice.recorded(loaded.scene, earlier), note="as the run began")
+    elif effects_choice.is_settled(loaded.scene):
+        decision = Decision(effects_choice.everything(loaded.scene), note=SETTLED)
+    elif hasty:
+        decision = Decision(effects_choice.everything(loaded.scene), note="stopped before it")
+    else:
+        decision = decide_field(loaded, prepared)
+    made = effects_choice.settled(loaded, decision.chosen)
+    return made, with_effects(made, prepared), decision
+
+
+def with_effects(loaded: LoadedScene, prepared: Prepared) -> Prepared:
+    """The problem with the law of a decided scene."""
+    effects = effects_choice.resolve_effects(loaded.scene)
+    law = build.law(loaded, effects)
+    problem = prepared.problem
+    coordination, fabric = network_of_state(problem)
+    state = law.initial_state(problem.initial_stress, index_of(problem), coordination, fabric)
+    made = Problem(
+        problem.space,
+        law,
+        problem.stages,
+        initial_stress=problem.initial_stress,
+        material_index=problem.material_index,
+        initial_state=state,
+        balance_initial_stress=problem.balance_initial_stress,
+    )
+    control = replace(prepared.control, report_every=loaded.scene.output.every)
+    return replace(prepared, problem=made, control=control, effects=effects)

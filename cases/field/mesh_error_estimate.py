@@ -1,0 +1,45 @@
+"""What the mesh of a finished field run errs by: into its record, as a field for ParaView, and said in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from granfabric.cases.records import files
+from granfabric.cases.records.record import Record
+from granfabric.cases.terminal.screen import Screen
+from granfabric.fem.discretisation.mesh_error import stress_error
+from granfabric.fem.equilibrium.results import StepResult
+from granfabric.fem.loads.problem import Problem
+
+
+def judge(folder: Path, record: Record, problem: Problem, last: StepResult) -> None:
+    """Estimate the error of the stress change at the end of a run.
+
+    Writes `mesh_error.vtu`: for each cell `stress_error`, its share of the error (the squares add up to that of the
+    whole). The record gets `mesh_error`: `stress`, the relative error, and `place`, the centre of the worst cell [m].
+    """
+    space = problem.space
+    index = problem.material_index
+    region = None if index is None else index.reshape(space.nelements, -1)[:, 0]
+    found = stress_error(space, last.stress - problem.initial_stress, region)
+    worst = int(found.of_cells.argmax())
+    corners = space.host_mesh.mesh.t.T
+    place = space.host_mesh.mesh.p.T[corners[worst]].mean(axis=0)
+    record.details["mesh_error"] = {"stress": found.relative, "place": place.tolist()}
+    points = np.pad(space.host_mesh.mesh.p.T, ((0, 0), (0, 1)))
+    mesh = meshio.Mesh(points, [(space.host_mesh.cell, corners)], cell_data={"stress_error": [found.of_cells]})
+    files.write_whole(folder / files.MESH_ERROR, lambda path: mesh.write(path, file_format="vtu"))
+
+
+def report(record: Record, screen: Screen) -> None:
+    """Say what the mesh errs by, if it was judged."""
+    found = record.details.get("mesh_error")
+    if found is not None:
+        x, y = found["place"]
+        screen.say(
+            f"mesh: stress changes err by about {100 * found['stress']:.2g} % of their norm (estimate), most near "
+            f"({x:.3g}, {y:.3g}) m: {files.MESH_ERROR}"
+        )

@@ -1,0 +1,161 @@
+"""From a checked field scene to a problem that the host can solve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from granfabric.cases.scene import build
+from granfabric.cases.scene.effects_choice import resolve_effects
+from granfabric.cases.scene.reader import LoadedScene
+from granfabric.cases.scene.schema_mesh import SHAPES
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.control import ControlError, StepControl
+from granfabric.fem.linear_solvers.direct import LinearSolverError, make_solver
+from granfabric.fem.loads.kinds import BodyForce, Displacement, Fixed, FixedPoint, LoadError, Pressure, Stage, Traction
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.mesh.host_mesh import HostMesh, MeshError, read_mesh, rectangle
+from granfabric.fem.mesh.shapes import plate_with_hole, quarter_ring
+
+from . import closed_forms, initial_state, memory
+from .groups import check_groups, material_index, named_boundaries
+
+
+def _linear(value: float, gradient: list[float]) -> Any:
+    """A number, or a function of place that rises from it at the origin."""
+    if not any(gradient):
+        return value
+    return lambda x, y: value + gradient[0] * x + gradient[1] * y
+
+
+POINTS = {"P1": 1, "P2": 3, "Q1": 4, "Q2": 9}
+"""Integration points of an element."""
+BYTES_PER_POINT = 600
+"""Stress, strain, state and tangent of a point at the start and the end of a step; the matrix comes on top."""
+
+
+def stages(scene: Any) -> list[Stage]:
+    """Stages of a field scene with their loads."""
+    made = []
+    for part in scene.stage:
+        loads: list[Any] = [Fixed(load.boundary, tuple(load.components)) for load in part.fixed]
+        loads += [FixedPoint((load.point[0], load.point[1]), tuple(load.components)) for load in part.fixed_point]
+        loads += [
+            Displacement(load.boundary, load.component, _linear(load.value, load.gradient))
+            for load in part.displacement
+        ]
+        loads += [Pressure(load.boundary, _linear(load.value, load.gradient)) for load in part.pressure]
+        loads += [Traction(load.boundary, (load.value[0], load.value[1])) for load in part.traction]
+        loads += [
+            Traction(
+                load.boundary, closed_forms.traction(scene.closed_form, load.factor), "traction of the closed form"
+            )
+            for load in part.closed_form
+        ]
+        loads += [BodyForce((load.value[0], load.value[1]), load.region) for load in part.body_force]
+        made.append(Stage(part.name, loads, part.increments, part.keep))
+    return made
+
+
+def read_or_make_mesh(loaded: LoadedScene) -> HostMesh:
+    """Mesh of a field scene, with the parts of boundaries that it names.
+
+    Raises
+    ------
+    InputError
+        If the mesh file is not usable.
+    """
+    mesh = loaded.scene.mesh
+    if mesh.file is None:
+        _refuse_too_many_cells(loaded)
+    try:
+        made = read_mesh(loaded.file.parent / mesh.file) if mesh.file is not None else _shape(mesh)
+    except MeshError as error:
+        key = "file" if mesh.file is not None else next(name for name in SHAPES if getattr(mesh, name) is not None)
+        raise loaded.error(["mesh", key], f"mesh.{key}: {error}") from error
+    for place, part in enumerate(mesh.part):
+        keys = ["mesh", "part", place]
+        if part.name in made.boundaries:
+            raise loaded.error(keys, f"mesh.part.{place}.name: the mesh has a boundary {part.name!r} already")
+        try:
+            made.boundaries[part.name] = made.facets_between(part.boundary, part.x, part.y)
+        except MeshError as error:
+            raise loaded.error(keys, f"mesh.part.{place}: {error}") from error
+    return made
+
+
+def _refuse_too_many_cells(loaded: LoadedScene) -> None:
+    mesh = loaded.scene.mesh
+    name = next(name for name in SHAPES if getattr(mesh, name) is not None)
+    shape = getattr(mesh, name)
+    across, along = (shape.nx, shape.ny) if name == "rectangle" else (shape.n_radial, shape.n_around)
+    across, along = mesh.refine * across, mesh.refine * along
+    needed = BYTES_PER_POINT * across * along * (2 if shape.cell == "triangle" else 1) * POINTS[mesh.element]
+    memory.refuse_beyond(needed, f"{loaded.file}: mesh.{name}, {across} x {along} cells,")
+
+
+def _shape(mesh: Any) -> HostMesh:
+    """Parametric mesh with refined numbers of cells."""
+    times = mesh.refine
+    if (shape := mesh.rectangle) is not None:
+        return rectangle(shape.width, shape.height, times * shape.nx, times * shape.ny, shape.cell)
+    if (ring := mesh.ring) is not None:
+        cells = times * ring.n_radial, times * ring.n_around
+        return quarter_ring(ring.inner_radius, ring.outer_radius, *cells, ring.cell)
+    plate = mesh.plate_with_hole
+    cells = times * plate.n_radial, times * plate.n_around
+    return plate_with_hole(plate.radius, plate.width, plate.height, *cells, plate.cell)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A field scene turned into a problem; nothing has been computed or written."""
+
+    problem: Problem
+    control: StepControl
+    boundaries: list[str]
+    supported: list[str]
+    effects: Any
+
+
+def prepare(loaded: LoadedScene) -> Prepared:
+    """Check everything about a field scene that can be checked before computing.
+
+    Raises
+    ------
+    InputError
+    """
+    scene = loaded.scene
+    loaded.require("field")
+    mesh = read_or_make_mesh(loaded)
+    check_groups(loaded, mesh)
+    index = material_index(loaded, mesh)
+    effects = resolve_effects(scene)
+    law = build.law(loaded, effects)
+    try:
+        space = Space(mesh, scene.mesh.element, scene.mesh.quadrature_degree)
+    except MeshError as error:
+        raise loaded.error(["mesh"], f"mesh: {error}") from error
+    point_index = None if index is None else index[space.point_cell]
+    stress = initial_state.stress(loaded, space.points)
+    try:
+        problem = Problem(
+            space,
+            law,
+            stages(scene),
+            initial_stress=stress,
+            material_index=point_index,
+            initial_state=initial_state.random_state(loaded, law, space.points, stress, point_index),
+            balance_initial_stress=scene.initial.balance,
+        )
+    except (LoadError, MeshError) as error:
+        raise loaded.error(["stage"], f"stage: {error}") from error
+    try:
+        control = StepControl(**scene.solver.model_dump())
+    except ControlError as error:
+        raise loaded.error(["solver"], f"solver: {error}") from error
+    try:
+        make_solver(control.linear_solver)
+    except LinearSolverError as error:
+        raise loaded.error(["solver"], f"solver.linear_solver: {error}") from error
+    return Prepared(problem, control, *named_boundaries(scene), effects)

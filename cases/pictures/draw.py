@@ -1,0 +1,92 @@
+"""Pictures of a run from its files."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granfabric.cases.errors import InputError
+from granfabric.cases.records import files
+from granfabric.cases.records.field_history import MEANS
+from granfabric.cases.scene.reader import check
+from granfabric.cases.scene.schema import MODELS
+from granfabric.constitutive.path import POINT_COLUMNS
+from granfabric.dem_ref.loading.run import HISTORY_COLUMNS
+from granfabric.dem_ref.sample.disks import SampleError
+
+
+def draw_folder(folder: Path) -> list[Path]:
+    """Make the pictures of a result folder anew.
+
+    Raises
+    ------
+    InputError
+        If the folder is not a result of ours, or nothing was computed yet.
+    """
+    record = files.whole_record(folder)
+    if record is None:
+        raise InputError(f"{str(folder)!r} is not a result folder: it has no {files.RECORD} of {files.PROGRAM}")
+    if record["kind"] == "verify":
+        raise InputError(
+            f"{str(folder)!r} holds a comparison; `granfabric verify -o {folder}` draws it anew from the DEM runs there"
+        )
+    if record["kind"] not in MODELS or record["scene"].get("kind") != record["kind"]:
+        raise InputError(f"{str(folder)!r} holds a result of the kind {record['kind']!r}, which has no pictures")
+    check(record["scene"], folder / files.RECORD)
+    if not (folder / files.HISTORY).is_file():
+        raise InputError(f"{str(folder)!r} holds no {files.HISTORY}: nothing was computed before the run ended")
+    _check_history(folder, record["kind"])
+    try:
+        return draw(folder, record["scene"])
+    except SampleError as error:
+        raise InputError(str(error)) from error
+
+
+def _check_history(folder: Path, kind: str) -> None:
+    """See that the history has the columns that are drawn, and numbers in them."""
+    table = files.read_csv(folder / files.HISTORY)
+    needed = {"point": POINT_COLUMNS, "dem": HISTORY_COLUMNS, "field": ("step", "stage", *MEANS)}[kind]
+    for name in needed:
+        if name not in table:
+            raise InputError(f"{folder / files.HISTORY} has no column {name!r}")
+        if name != "stage" and not all(isinstance(value, float) and math.isfinite(value) for value in table[name]):
+            raise InputError(f"{folder / files.HISTORY}: the column {name!r} holds something that is not a number")
+
+
+def draw(folder: Path, scene: dict[str, Any]) -> list[Path]:
+    """Make the pictures that belong to the kind of scene.
+
+    Parameters
+    ----------
+    folder : Path
+        Holds `history.csv` and, for fields, the files that `result.pvd` and `points.pvd` name.
+    scene : dict
+        The scene as resolved.
+
+    Returns
+    -------
+    list of Path
+    """
+    table = files.read_csv(folder / files.HISTORY)
+    if not table or not next(iter(table.values())):
+        return []
+    columns = {name: np.array(values) for name, values in table.items()}
+    if scene["kind"] == "point":
+        from .point import draw_point
+
+        return draw_point(folder, columns, scene)
+    if scene["kind"] == "dem":
+        from .dem import draw_dem
+
+        return draw_dem(folder, columns, scene)
+    from .field import draw_field
+
+    pictures = draw_field(folder, columns, scene)
+    if (folder / files.COMPARISON).is_file():
+        from .comparison import draw_comparison
+
+        pictures += draw_comparison(folder, scene)
+    return pictures

@@ -1,0 +1,112 @@
+"""History of a DEM run as text; its particles and contacts as time series for ParaView."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from granfabric.dem_ref.loading.run import DemRun
+from granfabric.dem_ref.measures.fields import contact_fields, particle_fields
+from granfabric.dem_ref.sample.disks import Sample
+
+from . import files
+
+PARTICLES = "particles"
+CONTACTS = "contacts"
+
+
+def history_text(run: DemRun) -> str:
+    """The records so far as comma-separated text."""
+    history = run.history()
+    return files.csv_text(list(history), list(zip(*(column.tolist() for column in history.values()))))
+
+
+def _padded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.column_stack([values, np.zeros(len(values))])
+
+
+def particle_mesh(sample: Sample, start: NDArray[np.float64]) -> meshio.Mesh:
+    """Disks as points; their radius is a field, to be drawn by ParaView's glyphs or point gaussians.
+
+    Parameters
+    ----------
+    sample : Sample
+    start : ndarray, shape (n, 2)
+        Positions from which displacements count.
+    """
+    fields = particle_fields(sample)
+    data = {name: values for name, values in fields.items() if name != "position"}
+    data["displacement"] = _padded(sample.position - start)
+    points = _padded(fields["position"])
+    return meshio.Mesh(points, [("vertex", np.arange(len(points)).reshape(-1, 1))], point_data=data)
+
+
+def contact_mesh(sample: Sample) -> meshio.Mesh:
+    """Contacts as lines between centres; fields for the cells, and for the points so that tubes can vary in width."""
+    fields = contact_fields(sample)
+    count = len(fields["start"])
+    points = np.empty((2 * count, 3))
+    points[0::2], points[1::2] = _padded(fields["start"]), _padded(fields["end"])
+    data = {name: fields[name] for name in ("normal_force", "tangential_force", "mobilisation")}
+    return meshio.Mesh(
+        points,
+        [("line", np.arange(2 * count).reshape(-1, 2))],
+        point_data={name: np.repeat(values, 2) for name, values in data.items()},
+        cell_data={name: [values] for name, values in data.items()},
+    )
+
+
+class DemSeries:
+    """Write particles and contacts at every so many records, and keep both `.pvd` files up to date.
+
+    Whether a record is written depends on its number alone, so that a resumed run leaves the same files.
+
+    Parameters
+    ----------
+    folder : Path
+    start : ndarray, shape (n, 2)
+        Positions of the packing.
+    every : int
+        0 for no files.
+    reached : int
+        Going on with a run: number of its last record; earlier files stay in the series.
+    """
+
+    def __init__(self, folder: Path, start: NDArray[np.float64], every: int, reached: int = -1) -> None:
+        self._folder = folder
+        self._start = start
+        self._every = every
+        self._records: list[int] = []
+        if every:
+            for record in range(0, reached + 1, every):
+                if all((folder / _name(series, record)).is_file() for series in (PARTICLES, CONTACTS)):
+                    self._records.append(record)
+
+    def add(self, record: int, sample: Sample, last: bool = False) -> None:
+        """Write a record if it is due, or the last."""
+        if not self._every or record in self._records or not (last or record % self._every == 0):
+            return
+        meshes = {PARTICLES: particle_mesh(sample, self._start), CONTACTS: contact_mesh(sample)}
+        for series, mesh in meshes.items():
+            _write(self._folder / _name(series, record), mesh)
+        self._records.append(record)
+        for series in meshes:
+            entries = [
+                f'    <DataSet timestep="{number}" part="0" file={quoteattr(_name(series, number))}/>'
+                for number in self._records
+            ]
+            lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>"]
+            text = "\n".join([*lines, *entries, "  </Collection>", "</VTKFile>", ""])
+            files.write_text(self._folder / f"{series}.pvd", text)
+
+
+def _write(path: Path, mesh: meshio.Mesh) -> None:
+    files.write_whole(path, lambda temporary: meshio.vtu.write(str(temporary), mesh, compression="zlib"))
+
+
+def _name(series: str, record: int) -> str:
+    return f"{series}_{record:05d}.vtu"

@@ -1,0 +1,105 @@
+"""One row of `history.csv` a load step of a boundary-value problem."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granfabric.constitutive.contract import LawDescription
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.equilibrium.results import StepResult
+
+Array = NDArray[np.float64]
+
+LEADING = ("step", "stage", "fraction")
+MEANS = (
+    *("strain_xx", "strain_yy", "strain_xy", "stress_xx", "stress_yy", "stress_xy", "p", "q"),
+    *("coordination", "coordination_smallest", "coordination_largest"),
+    *("fabric_anisotropy", "fabric_anisotropy_largest", "stress_ratio_largest"),
+)
+COUNTS = ("iterations", "factorisations", "cuts", "substeps", "limited_points")
+
+
+class FieldHistory:
+    """Rows of a field run's history.
+
+    Means are volume averages, named as the columns of a point's history; p and q belong to the mean stress.
+    Coordination and fabric anisotropy (magnitudes) have means and extremes over the integration points. For each
+    boundary that carries loads or supports: the mean displacement of its nodes [m]; for each that is supported: the
+    force of the supports on the body [N/m].
+
+    Parameters
+    ----------
+    space : Space
+    description : LawDescription
+    boundaries : list of str
+        That carry loads or supports.
+    supported : list of str
+        Those of them that are supported.
+    """
+
+    def __init__(self, space: Space, description: LawDescription, boundaries: list[str], supported: list[str]) -> None:
+        self._weights = space.weights / space.weights.sum()
+        self._description = description
+        self._nodes = {name: space.boundary_nodes(name) for name in boundaries}
+        self.names = [
+            *LEADING,
+            *MEANS,
+            *COUNTS,
+            *(f"displacement_{name}_{axis}" for name in boundaries for axis in "xy"),
+            *(f"reaction_{name}_{axis}" for name in supported for axis in "xy"),
+        ]
+        self._supported = supported
+        self.rows: list[list[Any]] = []
+
+    def take_up(self, names: list[str], rows: list[list[Any]]) -> None:
+        """Go on after rows of an earlier part of the run.
+
+        Raises
+        ------
+        ValueError
+            If they have other columns.
+        """
+        if names != self.names:
+            raise ValueError("it has other columns than this run")
+        self.rows = rows
+
+    def add(self, step: StepResult) -> None:
+        """Row of an accepted load step, or of the initial state as step 0."""
+        averages = self._averages(step.strain, step.stress, step.state)
+        counts = [step.iterations, step.factorisations, step.cuts, step.substeps, step.limited]
+        displacement = step.displacement.reshape(-1, 2)
+        sides: list[float] = []
+        for nodes in self._nodes.values():
+            sides += displacement[nodes].mean(axis=0).tolist()
+        for name in self._supported:
+            sides += [float(force) for force in step.reactions[name]]
+        self.rows.append([step.step, step.stage, float(step.fraction), *averages, *map(int, counts), *sides])
+
+    def _averages(self, strain: Array, stress: Array, state: Array) -> list[float]:
+        mean_strain, mean_stress = self._weights @ strain, self._weights @ stress
+        pressures, deviators = invariants(stress)
+        p, q = invariants(mean_stress[None, :])
+        values = [*mean_strain.tolist(), *mean_stress.tolist(), float(p[0]), float(q[0])]
+        coordination = state[:, self._description.columns("coordination")][:, 0]
+        fabric = np.linalg.norm(state[:, self._description.columns("fabric_anisotropy")], axis=1)
+        values += [float(self._weights @ coordination), float(coordination.min()), float(coordination.max())]
+        values += [float(self._weights @ fabric), float(fabric.max()), float((deviators / pressures).max())]
+        return values
+
+
+def invariants(stress: Array) -> tuple[Array, Array]:
+    """Mean pressure (compression positive) and deviator q = (s1 - s2)/2 [Pa].
+
+    Parameters
+    ----------
+    stress : ndarray, shape (n, 3)
+        xx, yy, xy, tension positive [Pa].
+
+    Returns
+    -------
+    p, q : ndarray, shape (n,)
+    """
+    return -(stress[:, 0] + stress[:, 1]) / 2, np.hypot((stress[:, 0] - stress[:, 1]) / 2, stress[:, 2])

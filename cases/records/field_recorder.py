@@ -1,0 +1,162 @@
+"""Receives the steps of a boundary-value problem: history, fields, checkpoints, progress."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from granfabric.cases.errors import InputError
+from granfabric.fem.equilibrium.checkpoint import Checkpoint, CheckpointFolder
+from granfabric.fem.equilibrium.initial import initial_result
+from granfabric.fem.equilibrium.results import StepResult
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.output.fields import FieldWriter, OutputError
+
+from . import files
+from .field_history import FieldHistory
+
+
+class FieldRecorder:
+    """Files of a run, brought up to date with each accepted step; the checkpoint last, so that it vouches for the rest.
+
+    Parameters
+    ----------
+    folder : Path
+    problem : Problem
+    history : FieldHistory
+        Without rows.
+    every : int
+        Fields are written each so many steps, at the start and at the end.
+    advance : callable
+        Told the load steps done and a line on the last one.
+    checkpoints : CheckpointFolder
+    resumed : Checkpoint, optional
+        Go on after this step. What was written beyond it is removed.
+
+    Raises
+    ------
+    InputError
+        If the files of the earlier part of the run are gone or damaged.
+    OSError
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        problem: Problem,
+        history: FieldHistory,
+        every: int,
+        advance: Callable[[float, str], None],
+        checkpoints: CheckpointFolder,
+        resumed: Checkpoint | None = None,
+    ) -> None:
+        self._folder = folder
+        self._every = every
+        self._advance = advance
+        self._checkpoints = checkpoints
+        self._stages = problem.stages
+        self._places = {stage.name: place for place, stage in enumerate(problem.stages)}
+        self.history = history
+        if resumed is None:
+            self._last = initial_result(problem)
+            self._writer = FieldWriter(folder, problem.space, problem.law.description)
+            self.history.add(self._last)
+            self._write_history()
+            self._write_fields(self._last)
+            return
+        self._last = resumed.result
+        done = self._last.step
+        # A linear problem passes over the steps between results.
+        take_up_history(folder, history, done, problem.law.description.linear_response)
+        try:
+            self._writer = FieldWriter(
+                folder, problem.space, problem.law.description, lambda step: step <= done and self._due(step)
+            )
+        except OutputError as error:
+            raise InputError(f"cannot go on: {error}") from error
+        self._write_history()
+        self._written = done if self._due(done) else -1
+        self._show(self._last)
+
+    @property
+    def last(self) -> StepResult:
+        """The last accepted step, or the initial state."""
+        return self._last
+
+    def _due(self, step: int) -> bool:
+        return step % self._every == 0
+
+    def __call__(self, step: StepResult) -> None:
+        """Receive an accepted step."""
+        self.history.add(step)
+        self._write_history()
+        self._last = step
+        if self._due(step.step):
+            self._write_fields(step)
+        self._show(step)
+
+    def save(self, checkpoint: Checkpoint) -> None:
+        """Receive the checkpoint of the same step."""
+        self._checkpoints.save(checkpoint)
+
+    def close(self) -> None:
+        """Make sure that the last step's fields are on disk."""
+        if self._written != self._last.step:
+            self._write_fields(self._last)
+
+    def _show(self, step: StepResult) -> None:
+        place = self._places[step.stage]
+        done = sum(stage.increments for stage in self._stages[:place]) + step.fraction * self._stages[place].increments
+        self._advance(done, f"{step.stage}: step {step.step}, {step.iterations} iterations")
+
+    def _write_history(self) -> None:
+        files.write_text(self._folder / files.HISTORY, files.csv_text(self.history.names, self.history.rows))
+
+    def _write_fields(self, step: StepResult) -> None:
+        self._writer.write(step, self._places[step.stage] + step.fraction)
+        self._written = step.step
+
+
+def take_up_history(folder: Path, history: FieldHistory, last: int, gaps: bool = False) -> None:
+    """Rows of `history.csv` up to a step; what was written beyond it will be computed again.
+
+    With `gaps`, not every step has a row.
+
+    Raises
+    ------
+    InputError
+        If the file is gone, damaged or lacks steps.
+    """
+    path = folder / files.HISTORY
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            names, *lines = csv.reader(file)
+        rows = [[_value(cell) for cell in line] for line in lines[: last + 1]]
+        if gaps:
+            rows = [row for row in rows if row[0] <= last]
+        history.take_up(names, rows)
+    except (OSError, ValueError, TypeError, IndexError, csv.Error) as error:
+        raise InputError(f"cannot go on: {path} cannot be used ({error})") from error
+    whole = all(len(row) == len(names) for row in rows) and all(
+        isinstance(cell, int) or (isinstance(cell, float) and math.isfinite(cell))
+        for row in rows
+        for name, cell in zip(names, row)
+        if name != "stage"
+    )
+    steps = [row[0] for row in rows]
+    expected = sorted({0, *steps, last}) if gaps else list(range(last + 1))
+    if not whole or steps != expected:
+        raise InputError(f"cannot go on: {path} does not hold the steps 0 to {last}")
+
+
+def _value(text: str) -> Any:
+    """The number or text that `files.csv_text` wrote."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text

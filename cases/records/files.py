@@ -1,0 +1,184 @@
+"""Result folders and files: whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from granfabric.cases.errors import InputError
+
+RECORD = "run.json"
+HISTORY = "history.csv"
+COMPARISON = "closed_form.csv"
+MESH_ERROR = "mesh_error.vtu"
+SCENE = "scene.toml"
+PACKING = "packing.npz"
+CHECKPOINT = "checkpoint.npz"
+MATERIAL = "material.toml"
+PICTURES = (
+    *("overview.png", "microvariables.png", "fabric_decomposition.png", "packing.png", "distributions.png"),
+    *("closed_form.png", *(f"figure_{number}.png" for number in range(1, 5))),
+)
+SERIES = ("result", "points", "particles", "contacts")
+OWN_FILES = (
+    *(RECORD, HISTORY, SCENE, "failed_point.toml", PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
+    *(MATERIAL, COMPARISON, MESH_ERROR, "verify.csv", "verify.md", *(f"{name}.pvd" for name in SERIES), *PICTURES),
+)
+CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
+OWN_PATTERNS = (".granfabric-*", ".result*", ".points*", *CHECKPOINTS, *(f"{name}_*.vtu" for name in SERIES))
+"""What a run writes; only these are removed when a result folder is used again."""
+
+PROGRAM = "granfabric"
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` fill a temporary file beside `path`, then put it in place in one step."""
+    handle, name = tempfile.mkstemp(prefix=".granfabric-", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        write(temporary)
+        temporary.chmod(0o666 & ~_umask())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    value = os.umask(0)
+    os.umask(value)
+    return value
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file in one step."""
+    write_whole(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
+def write_json(path: Path, data: dict[str, Any]) -> None:
+    """Write a JSON file in one step; numbers that are not finite are an error."""
+    write_text(path, json.dumps(data, indent=2, allow_nan=False) + "\n")
+
+
+def csv_text(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """Comma-separated text with a header; floats keep all their digits."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(names)
+    for row in rows:
+        writer.writerow([repr(float(value)) if isinstance(value, float) else value for value in row])
+    return out.getvalue()
+
+
+def read_csv(path: Path) -> dict[str, list[Any]]:
+    """Columns of a file written by `csv_text`; numbers become floats, anything else stays text.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.reader(file)
+            names = next(reader, [])
+            rows = list(reader)
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"{path} cannot be read: {error}") from error
+    for number, row in enumerate(rows, start=2):
+        if len(row) != len(names):
+            raise InputError(f"{path}, line {number} has {len(row)} entries, the first line {len(names)}")
+    return {name: [_number(row[place]) for row in rows] for place, name in enumerate(names)}
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def read_record(folder: Path) -> dict[str, Any] | None:
+    """The `run.json` of a folder if it is one of ours, else None."""
+    try:
+        data = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return data if isinstance(data, dict) and data.get("program") == PROGRAM else None
+
+
+def whole_record(folder: Path) -> dict[str, Any] | None:
+    """The `run.json` of a folder if it is one of ours and holds what a run writes, else None."""
+    data = read_record(folder)
+    parts = {"kind": str, "outcome": str, "message": str, "scene": dict, "timing": dict, "versions": dict}
+    return data if data and all(isinstance(data.get(name), kind) for name, kind in parts.items()) else None
+
+
+def check_output(folder: Path) -> None:
+    """Refuse a folder that cannot be written or holds somebody else's files. Nothing is changed.
+
+    A folder may be new, empty, or hold an earlier run (a `run.json` of ours), which is then replaced.
+
+    Raises
+    ------
+    InputError
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"the output folder {str(folder)!r} is a file; choose another with -o")
+    existing = folder
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    if not existing.is_dir():
+        raise InputError(f"the output folder {str(folder)!r} cannot be made: {str(existing)!r} is a file")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise InputError(f"the output folder {str(folder)!r} cannot be written: {str(existing)!r} is write-protected")
+    if folder.is_dir() and read_record(folder) is None and any(folder.iterdir()):
+        raise InputError(
+            f"the output folder {str(folder)!r} holds files that are not a result of {PROGRAM}; "
+            "choose a new or empty folder with -o"
+        )
+
+
+def prepare_output(folder: Path) -> None:
+    """Make the folder, see that it can be written, and remove the files of an earlier run.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made or written.
+    """
+    check_output(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+        for pattern in OWN_PATTERNS:
+            for file in folder.glob(pattern):
+                file.unlink()
+        # The record goes last: as long as it is there, the folder can be told to be ours.
+        for name in reversed(OWN_FILES):
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"the output folder {str(folder)!r} cannot be written: {error.strerror}") from error
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what a run that was killed left of files that it had not finished, and its record of a failure.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written.
+    """
+    try:
+        for pattern in (".granfabric-*", ".result*", ".points*", ".checkpoint*", "failed_point.toml"):
+            for file in folder.glob(pattern):
+                file.unlink()
+    except OSError as error:
+        raise InputError(f"the output folder {str(folder)!r} cannot be written: {error.strerror}") from error

@@ -1,0 +1,95 @@
+"""A point that failed in a boundary-value problem, as a point scene that replays it alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granfabric.cases.errors import unknown
+from granfabric.cases.scene.reader import LoadedScene
+from granfabric.cases.scene.toml_text import to_toml
+from granfabric.constitutive.contract import LawDescription
+from granfabric.fem.equilibrium.results import FailedPoint
+
+from . import files
+
+FAILED_POINT = "failed_point.toml"
+
+
+def failed_point_scene(point: FailedPoint, description: LawDescription, scene: dict[str, Any]) -> dict[str, Any]:
+    """Point scene that starts from the stress and the whole state at which the point failed.
+
+    Parameters
+    ----------
+    point : FailedPoint
+    description : LawDescription
+    scene : dict
+        The field scene as resolved.
+    """
+    if "material" in scene:
+        material = dict(scene["material"])
+    else:
+        material = dict(list(scene["materials"].values())[point.material_index])
+        material.pop("region")
+    state = {}
+    for variable in description.state:
+        values = point.state_start[description.columns(variable.name)].tolist()
+        state[variable.name] = values if len(values) > 1 else values[0]
+    x, y = point.position
+    return {
+        "title": f"Point {point.point} at ({x:.6g}, {y:.6g}) m, which failed",
+        "kind": "point",
+        "description": f"From {scene['title']!r}: {point.message}",
+        "material": material,
+        **{section: scene[section] for section in ("closure", "effects", "integration") if section in scene},
+        "initial": {"stress": point.stress_start.tolist(), "state": state},
+        "path": [
+            {
+                "control": ["strain", "strain", "strain"],
+                "target": point.strain_increment.tolist(),
+                "increments": 1,
+            }
+        ],
+    }
+
+
+def write_failed_point(folder: Path, point: FailedPoint, description: LawDescription, scene: dict[str, Any]) -> Path:
+    """Write `failed_point.toml`, to be run with ``granfabric point``."""
+    path = folder / FAILED_POINT
+    files.write_text(path, to_toml(failed_point_scene(point, description, scene)))
+    return path
+
+
+def start_state(loaded: LoadedScene, description: LawDescription) -> NDArray[np.float64] | None:
+    """State from which a point scene starts, shape (1, nstate); None if it is that of the packing before loading.
+
+    Raises
+    ------
+    InputError
+        If `initial.state` does not hold every state variable of the law within its bounds, and nothing else.
+    """
+    given = loaded.scene.initial.state
+    if given is None:
+        return None
+    state = np.zeros((1, description.nstate))
+    names = [variable.name for variable in description.state]
+    for name in given:
+        if name not in names:
+            raise loaded.error(["initial", "state"], unknown("the state variable", name, names))
+    for variable in description.state:
+        key = f"initial.state.{variable.name}"
+        if variable.name not in given:
+            raise loaded.error(["initial", "state"], f"{key!r} is missing ({variable.meaning})")
+        values = np.atleast_1d(np.array(given[variable.name], dtype=np.float64))
+        if len(values) != variable.components:
+            raise loaded.error(["initial", "state"], f"{key} needs {variable.components} numbers, not {len(values)}")
+        if not ((values >= variable.lower) & (values <= variable.upper)).all():
+            raise loaded.error(
+                ["initial", "state"],
+                f"{key} = {given[variable.name]} is outside its bounds [{variable.lower:g}, {variable.upper:g}]",
+            )
+        state[:, description.columns(variable.name)] = values
+    return state

@@ -1,0 +1,95 @@
+"""Reading back what a run wrote for ParaView."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from granfabric.cases.errors import InputError
+from granfabric.fem.mesh.foreign_files import ForeignFileError, guarded
+
+Array = NDArray[np.float64]
+
+DRAWN = ("coordination", "fabric_anisotropy", "stress", "displacement")
+
+
+def last_file(folder: Path, series: str) -> Path | None:
+    """The last file that ``SERIES.pvd`` names; None if there is no series yet.
+
+    Raises
+    ------
+    InputError
+        If the series is damaged or names a file that is gone.
+    """
+    return _file(folder, series, -1)
+
+
+def first_file(folder: Path, series: str) -> Path | None:
+    """The first file that ``SERIES.pvd`` names; see `last_file`."""
+    return _file(folder, series, 0)
+
+
+def _file(folder: Path, series: str, place: int) -> Path | None:
+    path = folder / f"{series}.pvd"
+    if not path.is_file():
+        return None
+    try:
+        names = [entry.attrib["file"] for entry in ElementTree.parse(path).getroot().iter("DataSet")]
+    except (ElementTree.ParseError, KeyError) as error:
+        raise InputError(f"{path} is damaged") from error
+    if not names:
+        return None
+    if not re.fullmatch(rf"{series}_\d{{1,9}}\.vtu", names[place]):
+        raise InputError(f"{path} is damaged: it names {names[place]!r}")
+    file = folder / names[place]
+    if not file.is_file():
+        raise InputError(f"{path} names {names[place]!r}, which does not exist")
+    return file
+
+
+def read(file: Path) -> Any:
+    """Content of a `.vtu` as a meshio mesh with the fields that are drawn.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    try:
+        with guarded(file.stat().st_size):
+            mesh = meshio.vtu.read(str(file))
+    except (ForeignFileError, OSError) as error:
+        raise InputError(f"{file} cannot be read: {error}") from error
+    count = len(mesh.points)
+    points = np.asarray(mesh.points)
+    if points.shape != (count, 3) or points.dtype != np.float64 or not (np.isfinite(points).all() and count):
+        raise InputError(f"{file} is damaged: its points are not plain coordinates")
+    for block in mesh.cells:
+        if len(block.data) and not (0 <= block.data.min() <= block.data.max() < count):
+            raise InputError(f"{file} is damaged: a cell names a point that is not there")
+    for name in DRAWN:
+        values = np.asarray(mesh.point_data.get(name))
+        if values.dtype != np.float64 or len(values) != count or not np.isfinite(values).all():
+            raise InputError(f"{file} is damaged: the field {name!r} is missing or not finite")
+    return mesh
+
+
+def triangles(mesh: Any) -> NDArray[np.int64]:
+    """All cells cut into triangles of three nodes, shape (n, 3); cells of second order into four or eight."""
+    pieces = {
+        "triangle": [(0, 1, 2)],
+        "triangle6": [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
+        "quad": [(0, 1, 2), (0, 2, 3)],
+        "quad9": [
+            *((0, 4, 8), (0, 8, 7), (4, 1, 5), (4, 5, 8)),
+            *((8, 5, 2), (8, 2, 6), (7, 8, 6), (7, 6, 3)),
+        ],
+    }
+    parts = [block.data[:, list(corners)] for block in mesh.cells for corners in pieces.get(block.type, [])]
+    return np.concatenate(parts).astype(np.int64) if parts else np.zeros((0, 3), dtype=np.int64)

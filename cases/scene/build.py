@@ -1,0 +1,41 @@
+"""From a checked scene to the objects of the point law."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.parameters import Closure, Integration, Material, ParameterError
+
+from .effects_choice import everything
+from .reader import LoadedScene
+
+
+def materials(scene: Any) -> list[tuple[Material, str | None]]:
+    """Materials of a scene, each with the region that it fills (None: everything)."""
+    if scene.material is not None:
+        return [(Material(**scene.material.model_dump()), None)]
+    return [
+        (Material(**section.model_dump(exclude={"region"})), section.region) for section in scene.materials.values()
+    ]
+
+
+def law(loaded: LoadedScene, effects: Effects) -> ContactLaw:
+    """The point law of a scene with the given effect set.
+
+    Raises
+    ------
+    InputError
+        If the law refuses the combination of values.
+    """
+    scene = loaded.scene
+    try:
+        return ContactLaw(
+            [material for material, _ in materials(scene)],
+            closure=Closure(**{**scene.closure.model_dump(), "force_change": everything(scene).force_change}),
+            effects=effects,
+            integration=Integration(**scene.integration.model_dump()),
+        )
+    except ParameterError as error:
+        raise loaded.error(["material"], str(error)) from error

@@ -1,0 +1,154 @@
+"""From the legs of a DEM scene to the segments of a DEM run."""
+
+from __future__ import annotations
+
+from math import atan2, ceil, cos, degrees, hypot, radians, sin
+from typing import Any
+
+from granfabric.dem_ref.dynamics.packing import PackingOptions
+from granfabric.dem_ref.loading.path import Segment
+from granfabric.dem_ref.loading.run import RunOptions
+from granfabric.dem_ref.loading.servo import RateLimits
+
+from .schema_dem import DemLeg
+
+LARGEST_STRAIN = 0.02
+LARGEST_TURN = 45.0
+"""Degrees; a turn is cut into pieces that have only one shorter way round."""
+
+DRIVEN = ("constant_pressure", "constant_lateral_stress")
+
+
+class PathError(ValueError):
+    """A leg does not follow from the one before; the text says which and why."""
+
+
+class _Stress:
+    """The stress that the legs so far have asked for: pressure over the initial one, and the stress ratio vector.
+
+    The vector lies in the double-angle plane; None where a leg by strain leaves the stress unknown.
+    """
+
+    def __init__(self, initial_pressure: float) -> None:
+        self.initial_pressure = initial_pressure
+        self.pressure = 1.0
+        self.ratio: tuple[float, float] | None = (0.0, 0.0)
+        self.direction = 90.0
+
+    def along(self, direction: float) -> tuple[float, float]:
+        """Components of the stress ratio vector along and across a direction [degree]."""
+        if self.ratio is None:
+            raise PathError("the stress at the start of this leg is not known beforehand; use loading = 'components'")
+        c, s = cos(2 * radians(direction)), sin(2 * radians(direction))
+        return self.ratio[0] * c + self.ratio[1] * s, self.ratio[1] * c - self.ratio[0] * s
+
+    def set(self, pressure: float, along: float, across: float, direction: float) -> None:
+        """Take over the stress at the end of a leg."""
+        c, s = cos(2 * radians(direction)), sin(2 * radians(direction))
+        self.pressure, self.direction = pressure, direction
+        self.ratio = (along * c - across * s, along * s + across * c)
+
+    def known(self) -> tuple[float, float]:
+        """Magnitude of the stress ratio and its direction [degree]; without a deviator that of the leg before."""
+        self.along(0.0)
+        assert self.ratio is not None
+        size = hypot(*self.ratio)
+        if size < 1e-9:
+            return 0.0, self.direction
+        return size, 0.5 * degrees(atan2(self.ratio[1], self.ratio[0])) % 180.0
+
+
+def _driven(leg: DemLeg, stress: _Stress) -> list[Segment]:
+    direction = stress.direction if leg.direction_degrees is None else leg.direction_degrees
+    along, across = stress.along(direction)
+    assert leg.stress_ratio is not None
+    if abs(leg.stress_ratio - along) < 1e-6:
+        raise PathError(f"stress_ratio = {leg.stress_ratio:g} is where the leg begins; the loading has no sense")
+    sense = 1.0 if leg.stress_ratio > along else -1.0
+    strain = LARGEST_STRAIN if leg.largest_strain is None else leg.largest_strain
+    pressure = stress.pressure
+    if leg.loading == "constant_lateral_stress":
+        pressure *= (1.0 - along) / (1.0 - leg.stress_ratio)
+    stress.set(pressure, leg.stress_ratio, across * stress.pressure / pressure, direction)
+    return [Segment("biaxial", leg.loading, sense * strain, leg.stress_ratio, angle=radians(direction))]
+
+
+def _invariants(leg: DemLeg, stress: _Stress) -> list[Segment]:
+    if leg.loading == "isotropic":
+        pressure, ratio, direction = leg.pressure_ratio, 0.0, stress.direction
+    elif None in (leg.pressure_ratio, leg.stress_ratio, leg.direction_degrees):
+        size, at = stress.known()
+        pressure = stress.pressure if leg.pressure_ratio is None else leg.pressure_ratio
+        ratio = size if leg.stress_ratio is None else leg.stress_ratio
+        direction = at if leg.direction_degrees is None else leg.direction_degrees
+    else:
+        assert leg.stress_ratio is not None and leg.direction_degrees is not None
+        pressure, ratio, direction = leg.pressure_ratio, leg.stress_ratio, leg.direction_degrees
+    assert pressure is not None
+    stress.set(pressure, ratio, 0.0, direction)
+    angle = radians(direction if ratio >= 0.0 else direction + 90.0)
+    return [Segment("invariants", pressure=pressure, stress_ratio=abs(ratio), angle=angle)]
+
+
+def _rotation(leg: DemLeg, stress: _Stress) -> list[Segment]:
+    size, start = stress.known()
+    if size == 0.0:
+        raise PathError("there is no deviator to rotate: the stress at the start of this leg is isotropic")
+    assert leg.rotation_degrees is not None
+    parts = ceil(abs(leg.rotation_degrees) / LARGEST_TURN)
+    angles = [start + leg.rotation_degrees * (part + 1) / parts for part in range(parts)]
+    stress.set(stress.pressure, size, 0.0, angles[-1])
+    return [
+        Segment("invariants", pressure=stress.pressure, stress_ratio=size, angle=radians(angle)) for angle in angles
+    ]
+
+
+def _components(leg: DemLeg, stress: _Stress) -> list[Segment]:
+    assert leg.control is not None and leg.target is not None
+    xx, yy, xy = leg.target
+    if all(control == "stress" for control in leg.control):
+        p = -(xx + yy) / 2
+        q = hypot((xx - yy) / 2, xy)
+        if not p > q:
+            raise PathError(
+                f"the target stress has to press in every direction: p = {p:g} Pa is not above q = {q:g} Pa"
+            )
+        stress.set(p / stress.initial_pressure, -(xx - yy) / 2 / p, -xy / p, 0.0)
+        stress.direction = stress.known()[1]
+    else:
+        stress.ratio = None
+    return [Segment("mixed", control=(leg.control[0], leg.control[1], leg.control[2]), target=(xx, yy, xy))]
+
+
+def segments(scene: Any) -> tuple[Segment, ...]:
+    """Segments of a checked DEM scene.
+
+    Raises
+    ------
+    PathError
+        If a leg does not follow from the one before.
+    """
+    stress = _Stress(scene.packing.normal_stiffness / scene.packing.stiffness_to_pressure)
+    made: list[Segment] = []
+    for place, leg in enumerate(scene.path):
+        build = {"isotropic": _invariants, "invariants": _invariants, "rotation": _rotation, "components": _components}
+        try:
+            made += build.get(leg.loading, _driven)(leg, stress)
+        except PathError as error:
+            raise PathError(f"path.{place}: {error}") from None
+    return tuple(made)
+
+
+def run_options(scene: Any) -> RunOptions:
+    """Options of the DEM run of a scene; two equal sets continue each other's checkpoints."""
+    return RunOptions(
+        segments(scene),
+        RateLimits(scene.rates.inertial_number, scene.rates.unbalanced_force),
+        scene.output.stress_step,
+        scene.output.strain_step,
+    )
+
+
+def packing_options(scene: Any) -> PackingOptions:
+    """Options of the packing of a scene, besides its number of disks and seed."""
+    return PackingOptions(**scene.packing.model_dump(exclude={"particles", "seed"}))

@@ -1,0 +1,177 @@
+"""What a scene says about effects: `true`, `false` or `"auto"`, its closure, and the error that may be left.
+
+An effect set is an `Effects` with the closure's `force_change`, because the memory of the weak forces can be left to
+the program as well. Nothing is computed here; see `effects_decision` for how "auto" is decided.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from granfabric.cases.errors import InputError
+from granfabric.constitutive.effects import Effects
+
+from . import accuracy
+from .reader import LoadedScene
+
+AUTO = "auto"
+MEMORY = "force_change"
+"""Name under which the closure's memory of weak forces is decided, next to the effects."""
+WITH_MEMORY, WITHOUT_MEMORY = "shifted_distribution", "mean_field"
+SLIDING, SPREAD, FEEDBACK = "sliding", "irreversible_spread", "stiffness_feedback"
+PEAK = "peak_stress_ratio"
+"""Parameter of a material without which sliding means nothing."""
+TOLERANCE = 1e-2
+"""Error that may be left out if a scene says nothing."""
+
+
+@dataclass(frozen=True)
+class EffectSet:
+    """Effects that are on, and the closure's `force_change`."""
+
+    effects: Effects
+    force_change: str
+
+    def has(self, name: str) -> bool:
+        """Whether an effect, or the memory of weak forces, is on."""
+        return self.force_change == WITH_MEMORY if name == MEMORY else bool(getattr(self.effects, name))
+
+    def with_effect(self, name: str, on: bool) -> EffectSet:
+        """The set with an effect on or off, and what has to go with it."""
+        if name == MEMORY:
+            made = replace(self, force_change=WITH_MEMORY if on else WITHOUT_MEMORY)
+        else:
+            made = replace(self, effects=replace(self.effects, **{name: on}))
+        return made.completed()
+
+    def completed(self) -> EffectSet:
+        """Without what cannot act: an irreversible spread of weak forces that nothing follows."""
+        idle = self.force_change != WITH_MEMORY or not self.effects.network_changes
+        if idle and SPREAD in Effects.names() and self.has(SPREAD):
+            return replace(self, effects=replace(self.effects, **{SPREAD: False}))
+        return self
+
+    def names(self) -> list[str]:
+        """Everything that is on."""
+        return [name for name in all_names() if self.has(name)]
+
+
+def all_names() -> tuple[str, ...]:
+    """Everything that can be decided: effects, then the memory of weak forces."""
+    return (*Effects.names(), MEMORY)
+
+
+def asked(scene: Any, name: str) -> bool | str:
+    """What a scene says about an effect or the memory: True, False or "auto"."""
+    if name != MEMORY:
+        said: bool | str = getattr(scene.effects, name)
+        return said
+    said = scene.closure.force_change
+    return said if said == AUTO else said == WITH_MEMORY
+
+
+def tolerance(scene: Any) -> float:
+    """Error that may be left by leaving effects out: the scene's own, that of its `accuracy`, or `TOLERANCE`."""
+    if scene.effects.tolerance is not None:
+        return float(scene.effects.tolerance)
+    if scene.accuracy is not None:
+        return float(accuracy.NAMED.get(scene.accuracy, scene.accuracy))
+    return TOLERANCE
+
+
+def material_sections(scene: Any) -> dict[str, Any]:
+    """Material tables of a scene by the key under which they stand."""
+    if getattr(scene, "material", None) is not None:
+        return {"material": scene.material}
+    return {f"materials.{name}": section for name, section in getattr(scene, "materials", {}).items()}
+
+
+def sliding_is_possible(scene: Any) -> bool:
+    """Whether every material gives a peak stress ratio."""
+    return SLIDING in Effects.names() and all(
+        PEAK in section.model_fields_set for section in material_sections(scene).values()
+    )
+
+
+def everything(scene: Any) -> EffectSet:
+    """All that a scene does not rule out: "auto" is on, but sliding only with parameters of its own."""
+    values = {}
+    for name in Effects.names():
+        said = asked(scene, name)
+        values[name] = said if isinstance(said, bool) else name != SLIDING or sliding_is_possible(scene)
+    change = scene.closure.force_change
+    made = EffectSet(Effects(**values), WITH_MEMORY if change == AUTO else change)
+    return made.completed()
+
+
+def resolve_effects(scene: Any) -> Effects:
+    """Effect set of a scene in which nothing that is on "auto" is left out."""
+    return everything(scene).effects
+
+
+def check(loaded: LoadedScene) -> None:
+    """Refuse effects that contradict each other or lack what they need.
+
+    Raises
+    ------
+    InputError
+    """
+    scene = loaded.scene
+    network = [asked(scene, name) for name in ("contact_loss", "contact_gain")]
+    if SPREAD in Effects.names() and asked(scene, SPREAD) is True:
+        if asked(scene, MEMORY) is False:
+            raise loaded.error(
+                ["effects", SPREAD],
+                f"effects.{SPREAD} = true needs closure.force_change = {WITH_MEMORY!r}, not "
+                f"{scene.closure.force_change!r}, which follows no distribution of weak forces that could spread",
+            )
+        if network == [False, False]:
+            raise loaded.error(
+                ["effects", SPREAD],
+                f"effects.{SPREAD} = true has nothing to act on with contact_loss = false and contact_gain = false",
+            )
+    if SLIDING in Effects.names() and asked(scene, SLIDING) is True and not sliding_is_possible(scene):
+        place = next(key for key, part in material_sections(scene).items() if PEAK not in part.model_fields_set)
+        raise loaded.error(
+            ["effects", SLIDING],
+            f"effects.{SLIDING} = true needs {place}.{PEAK}, which is not given (and should be looked at together with "
+            "the other parameters of sliding)",
+        )
+
+
+def settled(loaded: LoadedScene, chosen: EffectSet) -> LoadedScene:
+    """The scene with every effect and the closure decided."""
+    scene = loaded.scene
+    effects = scene.effects.model_copy(update={name: chosen.has(name) for name in Effects.names()})
+    closure = scene.closure.model_copy(update={MEMORY: chosen.force_change})
+    return replace(loaded, scene=scene.model_copy(update={"effects": effects, "closure": closure}))
+
+
+def is_settled(scene: Any) -> bool:
+    """Whether a scene leaves nothing to decide."""
+    return all(asked(scene, name) != AUTO for name in all_names())
+
+
+def recorded(scene: Any, record: dict[str, Any]) -> EffectSet:
+    """What an earlier run of the same scene decided, as far as the scene leaves it open.
+
+    Raises
+    ------
+    InputError
+        If the record does not say.
+    """
+    said = everything(scene)
+    try:
+        values = {
+            entry.name: bool(asked(scene, entry.name))
+            if asked(scene, entry.name) != AUTO
+            else bool(record["scene"]["effects"][entry.name])
+            for entry in fields(said.effects)
+        }
+        change = record["scene"]["closure"][MEMORY] if asked(scene, MEMORY) == AUTO else said.force_change
+    except KeyError as error:
+        raise InputError(
+            f"--resume: the record of the run does not tell what was decided about {error} (start anew without it)"
+        ) from None
+    return EffectSet(Effects(**values), change)

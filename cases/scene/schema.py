@@ -1,0 +1,159 @@
+"""What a scene file may hold, as pydantic models; the larger sections are in `schema_*.py`.
+
+Unknown keys are refused, and nothing is converted: a number in quotes is not a number. All quantities are in SI
+units; stresses and strains are tension positive, components in the order xx, yy, xy.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter, model_validator
+
+from granfabric.constitutive.parameters import Material
+
+from .accuracy import Accuracy
+from .schema_base import Control, Increments, Scene, Section, Triple
+from .schema_closed_form import ClosedForm
+from .schema_dem import DemScene
+from .schema_initial import FieldInitial, PointInitial, RandomState
+from .schema_law import ClosureSection, EffectsSection, IntegrationSection, MaterialSection, NamedMaterialSection
+from .schema_mesh import Mesh
+from .schema_stage import Solver, StageSection
+
+MapName = Literal[
+    "coordination",
+    "coordination_change",
+    "fabric_anisotropy",
+    "mean_pressure",
+    "stress_ratio",
+    "stress_xx",
+    "stress_yy",
+    "stress_xy",
+    "displacement_x",
+    "displacement_y",
+]
+"""Fields that the picture of a field run may show; `plots_maps.py` knows how."""
+
+
+class PathLeg(Section):
+    """One leg of a path: targets at its end, reached in equal increments, or a rotation at constant p and q."""
+
+    control: Annotated[list[Control], Field(min_length=3, max_length=3)] | None = Field(
+        default=None, description='per component xx, yy, xy: "stress" or "strain"'
+    )
+    target: Triple | None = Field(
+        default=None, description="value at the end of the leg [Pa or -], shear strain as gamma_xy"
+    )
+    rotation_degrees: Annotated[float, Field(ge=-36_000, le=36_000)] | None = Field(
+        default=None, description="turn of the principal stress axes over the leg, anticlockwise"
+    )
+    increments: Increments = Field(default=20, description="equal increments of the leg")
+
+    @model_validator(mode="after")
+    def _one_way(self) -> PathLeg:
+        if self.rotation_degrees is None and (self.control is None or self.target is None):
+            raise ValueError("a leg needs either control and target, or rotation_degrees")
+        if self.rotation_degrees is not None and not (self.control is None and self.target is None):
+            raise ValueError("a leg with rotation_degrees takes neither control nor target")
+        return self
+
+
+class Output(Section):
+    """What a field run writes besides history.csv and run.json."""
+
+    every: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
+        default=1, description="fields every so many steps, and the last"
+    )
+    pictures: bool = Field(default=True, description="draw at the end of the run")
+
+
+class FieldOutput(Output):
+    """What a field run writes besides history.csv and run.json, and what its picture shows."""
+
+    maps: Annotated[list[MapName], Field(max_length=4)] = Field(
+        default=[], description="fields of the last step that are drawn; chosen by what varies if not given"
+    )
+    curve: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=2, max_length=2)] | None = Field(
+        default=None, description="two columns of history.csv, abscissa and ordinate, of the first curve"
+    )
+
+
+class LawScene(Scene):
+    """What scenes have that use the point law."""
+
+    material_file: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None, description="tables [material] and [closure], as measured on disks: a file or a shipped name"
+    )
+    accuracy: Accuracy | None = Field(
+        default=None, description="chooses integrator, tolerances and directions where the scene leaves them open"
+    )
+    closure: ClosureSection = Field(default=ClosureSection(), description="how the change of forces is closed")
+    effects: EffectsSection = Field(default=EffectsSection(), description="mechanisms: true, false or auto")
+    integration: IntegrationSection = Field(default=IntegrationSection(), description="numerics at a point")
+
+
+class PointScene(LawScene):
+    """One material point along a path of stress or strain."""
+
+    kind: Literal["point"] = Field(description="for `granfabric point`")
+    material: MaterialSection = Field(description="the granular material")
+    initial: PointInitial = Field(description="state before any loading")
+    path: Annotated[list[PathLeg], Field(min_length=1, max_length=10_000)] = Field(description="legs of the path")
+    output: Output = Field(default=Output(), description="what is written")
+
+
+class FieldScene(LawScene):
+    """A boundary-value problem."""
+
+    kind: Literal["field"] = Field(description="for `granfabric run`")
+    material: MaterialSection | None = Field(default=None, description="the granular material, if there is one")
+    materials: dict[str, NamedMaterialSection] = Field(default={}, description="several materials by name")
+    mesh: Mesh = Field(description="mesh and element")
+    initial: FieldInitial = Field(description="state before any loading")
+    random_state: RandomState | None = Field(default=None, description="random initial coordination number")
+    stage: Annotated[list[StageSection], Field(min_length=1, max_length=1000)] = Field(description="stages of loading")
+    closed_form: ClosedForm | None = Field(default=None, description="closed form that the run is compared with")
+    solver: Solver = Field(default=Solver(), description="global iteration and load stepping")
+    output: FieldOutput = Field(default=FieldOutput(), description="what is written and drawn")
+
+    @model_validator(mode="after")
+    def _materials(self) -> FieldScene:
+        if (self.material is None) == (not self.materials):
+            raise ValueError("a field scene needs either [material] or one [materials.NAME] for each region")
+        return self
+
+    @model_validator(mode="after")
+    def _form_is_given(self) -> FieldScene:
+        if self.closed_form is None and any(stage.closed_form for stage in self.stage):
+            raise ValueError("a stage takes the traction of a closed form, but the scene has no [closed_form]")
+        return self
+
+
+NUMBERS = tuple(variable.name for variable in Material.variables())
+"""Keys of a material."""
+
+MODELS: dict[str, type[Scene]] = {"point": PointScene, "field": FieldScene, "dem": DemScene}
+"""Model of each kind of scene; a new kind is added here."""
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema of all kinds of scene, for editors."""
+    union: Any = Annotated[PointScene | FieldScene | DemScene, Field(discriminator="kind")]
+    schema = TypeAdapter(union).json_schema()
+    # What a material file gives need not stand in the scene; editors, unlike the check, do not see that file.
+    for name in ("MaterialSection", "NamedMaterialSection", "PointScene"):
+        table = schema["$defs"][name]
+        table["required"] = [key for key in table["required"] if key not in (*NUMBERS, "material")]
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "granfabric scene",
+        "description": "SI units; stresses and strains tension positive, components in the order xx, yy, xy.",
+        **schema,
+    }
+
+
+def schema_text() -> str:
+    """The file `cases/scenes/schema.json`; `granfabric schema > cases/scenes/schema.json` renews it."""
+    return json.dumps(json_schema(), indent=1) + "\n"

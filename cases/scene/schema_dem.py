@@ -1,0 +1,156 @@
+"""Scenes of the discrete element method: a packing of disks and its loading."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from granfabric.dem_ref.inputs.weak_contacts import LOOP_STRESS_RATIO
+
+from .schema_base import Control, Positive, Scene, Section, Triple
+
+Loading = Literal["constant_pressure", "constant_lateral_stress", "isotropic", "invariants", "rotation", "components"]
+
+NEEDS: dict[str, tuple[str, ...]] = {
+    "constant_pressure": ("stress_ratio",),
+    "constant_lateral_stress": ("stress_ratio",),
+    "isotropic": ("pressure_ratio",),
+    "invariants": (),
+    "rotation": ("rotation_degrees",),
+    "components": ("control", "target"),
+}
+ADMITS: dict[str, tuple[str, ...]] = {
+    "constant_pressure": ("largest_strain", "direction_degrees"),
+    "constant_lateral_stress": ("largest_strain", "direction_degrees"),
+    "isotropic": (),
+    "invariants": ("pressure_ratio", "stress_ratio", "direction_degrees"),
+    "rotation": (),
+    "components": (),
+}
+"""Keys of a leg that a loading must have, and may have besides."""
+
+
+class Packing(Section):
+    """Disks in a periodic cell, compacted without friction, friction switched on afterwards."""
+
+    particles: Annotated[int, Field(ge=50, le=1_000_000)] = Field(default=2000, description="number of disks")
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = Field(
+        default=1, description="the same seed gives the same packing"
+    )
+    stiffness_to_pressure: Annotated[float, Field(ge=50.0, le=1e6)] = Field(
+        default=1e4, description="normal contact stiffness over mean pressure, kn/p"
+    )
+    normal_stiffness: Positive = Field(default=1e9, description="kn [Pa]")
+    stiffness_ratio: Annotated[float, Field(ge=1e-6, le=1.0)] = Field(default=1.0, description="kt/kn")
+    friction: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(default=0.5, description="coefficient after packing")
+    diameter_ratio: Annotated[float, Field(ge=1.0, le=5.0)] = Field(default=1.25, description="largest over smallest")
+    distribution: Literal["uniform", "uniform_area", "bidisperse", "monodisperse"] = Field(
+        default="uniform", description="of the diameters"
+    )
+    mean_diameter: Positive = Field(default=1.0, description="[m]")
+
+
+class DemLeg(Section):
+    """One leg of loading. Ratios of pressure refer to the packing; directions are those of the major compression."""
+
+    loading: Loading = Field(description="what is driven and what is held")
+    stress_ratio: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
+        default=None, description="q/p at the end, negative across the direction"
+    )
+    pressure_ratio: Annotated[float, Field(gt=0.0, le=100.0)] | None = Field(
+        default=None, description="mean pressure at the end over that of the packing"
+    )
+    direction_degrees: Annotated[float, Field(ge=-360.0, le=360.0)] | None = Field(
+        default=None, description="from the x axis; that of the leg before, 90 (along y) at first"
+    )
+    largest_strain: Annotated[float, Field(gt=0.0, le=0.5)] | None = Field(
+        default=None, description="change of the driven strain at which a leg ends at the latest; 0.02 if not given"
+    )
+    rotation_degrees: Annotated[float, Field(ge=-36_000, le=36_000)] | None = Field(
+        default=None, description="turn of the principal stress axes at constant p and q, anticlockwise"
+    )
+    control: Annotated[list[Control], Field(min_length=3, max_length=3)] | None = Field(
+        default=None, description='per component xx, yy, xy: "stress" or "strain"'
+    )
+    target: Triple | None = Field(
+        default=None, description="value at the end of the leg [Pa or -], tension positive, shear strain as gamma_xy"
+    )
+
+    @model_validator(mode="after")
+    def _keys_fit(self) -> DemLeg:
+        given = {name for name, value in self if value is not None and name != "loading"}
+        for name in NEEDS[self.loading]:
+            if name not in given:
+                raise ValueError(f"loading = {self.loading!r} needs {name}")
+        legal = {*NEEDS[self.loading], *ADMITS[self.loading]}
+        for name in sorted(given - legal):
+            raise ValueError(f"loading = {self.loading!r} does not take {name} (it takes: {', '.join(sorted(legal))})")
+        if self.loading == "invariants" and not given:
+            raise ValueError("loading = 'invariants' needs pressure_ratio, stress_ratio or direction_degrees")
+        if self.rotation_degrees == 0.0:
+            raise ValueError("rotation_degrees = 0 turns nothing")
+        return self
+
+
+class Rates(Section):
+    """How slow the loading is; the rate adapts to stay below both limits."""
+
+    inertial_number: Annotated[float, Field(ge=1e-12, le=0.1)] = Field(
+        default=1e-5, description="rate of strain times the time that pressure takes to move a disk by its size"
+    )
+    unbalanced_force: Annotated[float, Field(ge=1e-8, le=1.0)] = Field(
+        default=3e-4, description="root mean square resultant over the mean contact force"
+    )
+
+
+class Measure(Section):
+    """Measurement of the inputs of the point law on the packing, written to material.toml."""
+
+    material: bool = Field(default=True, description="measure, and write material.toml")
+    rattlers: Literal["included", "excluded"] = Field(
+        default="included", description="counting of the coordination number in material.toml"
+    )
+    loop_stress_ratio: Annotated[float, Field(gt=0.0, le=0.5)] = Field(
+        default=LOOP_STRESS_RATIO, description="q/p of the loops that give the force anisotropy, slip and scatter"
+    )
+    sliding: bool = Field(
+        default=False,
+        description="the parameters of sliding as well, from the first leg: driven by strain at constant pressure "
+        "well beyond the peak of q/p",
+    )
+
+    @model_validator(mode="after")
+    def _sliding_needs_the_others(self) -> Measure:
+        if self.sliding and not self.material:
+            raise ValueError("sliding = true needs material = true: the moduli take the elastic strain off")
+        return self
+
+
+class DemOutput(Section):
+    """Cadence of the history and of the files for ParaView."""
+
+    stress_step: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        default=0.01, description="a record when p or q has moved by this much of the initial p"
+    )
+    strain_step: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        default=1e-4, description="or when the strain has moved by this much"
+    )
+    every: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
+        default=5, description="particles and contacts every so many records, and the last; 0 for none"
+    )
+    checkpoint_seconds: Annotated[float, Field(ge=0.0, le=1e6)] = Field(
+        default=30.0, description="least time between checkpoints; 0 for one at each record"
+    )
+    pictures: bool = Field(default=True, description="draw at the end of the run")
+
+
+class DemScene(Scene):
+    """A sample of disks under loading."""
+
+    kind: Literal["dem"] = Field(description="for `granfabric dem`")
+    packing: Packing = Field(default=Packing(), description="the disks")
+    path: Annotated[list[DemLeg], Field(min_length=1, max_length=10_000)] = Field(description="legs of the loading")
+    rates: Rates = Field(default=Rates(), description="how slow the loading is")
+    measure: Measure = Field(default=Measure(), description="measurement of the inputs of the point law")
+    output: DemOutput = Field(default=DemOutput(), description="what is written")

@@ -1,0 +1,184 @@
+"""From pydantic's list of errors to one sentence that names the key, the value, what is legal and the nearest name."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from granfabric.cases.errors import nearest, unknown
+
+TYPE_NAMES = {
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "int_type": "an integer",
+    "bool_type": "true or false",
+    "string_type": "a text in quotes",
+    "list_type": "a list in brackets",
+    "dict_type": "a table",
+    "model_type": "a table",
+}
+
+GRAVITY = ("extra_forbidden", "missing")
+"""These are told first: a misspelled key explains most errors that follow."""
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """All pydantic models inside an annotation such as ``list[X] | None``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models(part)]
+
+
+def _literals(annotation: Any) -> list[str]:
+    """All literal values inside an annotation, and the words for its other types."""
+    if get_origin(annotation) is Literal:
+        return [str(value) for value in get_args(annotation)]
+    if annotation is bool:
+        return ["true", "false"]
+    return [value for part in get_args(annotation) for value in _literals(part)]
+
+
+def walk(model: type[BaseModel], location: tuple[Any, ...]) -> tuple[list[Any], type[BaseModel] | None, Any]:
+    """Follow an error's location through the models.
+
+    Returns
+    -------
+    keys : list
+        The part of the location that a scene file knows (pydantic adds names of union members).
+    owner : type or None
+        Model that holds, or should hold, the last key.
+    declaration : FieldInfo or None
+        Declaration of the last key, if it is declared.
+    """
+    keys: list[Any] = []
+    owner: type[BaseModel] | None = model
+    declaration: Any = None
+    inside: type[BaseModel] | None = model
+    for part in location:
+        if isinstance(part, int):
+            keys.append(part)
+        elif inside is not None and part in inside.model_fields:
+            keys.append(part)
+            owner, declaration = inside, inside.model_fields[part]
+            found = _models(declaration.annotation)
+            inside = found[0] if found else None
+            if get_origin(declaration.annotation) is dict:
+                owner = None
+        elif owner is None and inside is not None:
+            keys.append(part)  # the free name of a table such as [materials.NAME]
+            owner = inside
+        elif not _is_union_member(part):
+            keys.append(part)
+            owner, declaration = inside, None
+    return keys, owner, declaration
+
+
+def _is_union_member(part: Any) -> bool:
+    text = str(part)
+    return text in {"bool", "float", "int", "str", "none"} or text.startswith(("literal[", "list[", "constrained"))
+
+
+def sentence(error: ValidationError, model: type[BaseModel], data: Any) -> tuple[list[Any], str]:
+    """Key and sentence of the gravest error.
+
+    Parameters
+    ----------
+    error : ValidationError
+    model : type
+        Model that refused the data.
+    data : dict
+        What was refused.
+
+    Returns
+    -------
+    keys : list
+        Path of the key, for saying where it was given.
+    text : str
+    """
+    problems = sorted(
+        error.errors(include_url=False),
+        key=lambda item: GRAVITY.index(item["type"]) if item["type"] in GRAVITY else len(GRAVITY),
+    )
+    first = problems[0]
+    keys, owner, declaration = walk(model, first["loc"])
+    key = ".".join(str(part) if str(part).isprintable() else repr(part) for part in keys)
+    text = _describe(first, key, keys, owner, declaration, data)
+    others = len({walk(model, item["loc"])[0].__repr__() for item in problems}) - 1
+    if others:
+        text += f" (and {others} further {'error' if others == 1 else 'errors'})"
+    return keys, text
+
+
+def _describe(
+    problem: Any, key: str, keys: list[Any], owner: type[BaseModel] | None, declaration: Any, data: Any
+) -> str:
+    kind, context, value = problem["type"], problem.get("ctx", {}), problem["input"]
+    if kind == "extra_forbidden":
+        legal = list(owner.model_fields) if owner is not None else []
+        return unknown("the key", key, legal, spelled=str(keys[-1]))
+    if kind == "missing":
+        meaning = f" ({declaration.description})" if declaration is not None and declaration.description else ""
+        return f"{key!r} is missing{meaning}"
+    if kind == "value_error":
+        text = str(context["error"])
+        return f"{key}: {text}" if key and not text.startswith(f"{key}.") else text
+    shown = _short(value)
+    choices = _literals(declaration.annotation) if declaration is not None else []
+    if kind == "literal_error" or (choices and kind in ("bool_type", "string_type")):
+        near = nearest(str(value), choices)
+        return f"{key} = {shown} is not one of {', '.join(choices)}; the nearest is {near!r}"
+    if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
+        meaning = f" ({declaration.description})" if declaration is not None and declaration.description else ""
+        return f"{key} = {shown} is outside its bounds {_bounds(declaration, context)}{meaning}"
+    if kind in ("too_short", "too_long"):
+        least, most = _lengths(declaration)
+        wanted = (
+            f"exactly {least}" if least == most else f"at least {least}" if kind == "too_short" else f"at most {most}"
+        )
+        return f"{key} = {shown} has {context['actual_length']} entries, it needs {wanted}"
+    if kind in TYPE_NAMES:
+        return f"{key} = {shown} is not {TYPE_NAMES[kind]}"
+    return f"{key} = {shown} is not legal: {problem['msg'][:1].lower()}{problem['msg'][1:]}"
+
+
+def _short(value: Any) -> str:
+    text = repr(value).replace("True", "true").replace("False", "false") if isinstance(value, bool) else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _constraints(annotation: Any) -> list[Any]:
+    """All constraint objects inside an annotation or a field declaration."""
+    found = list(getattr(annotation, "__metadata__", ()))
+    flat = [inner for item in found for inner in (getattr(item, "metadata", None) or [item])]
+    return flat + [item for part in get_args(annotation) for item in _constraints(part)]
+
+
+def _declared(declaration: Any) -> list[Any]:
+    if declaration is None:
+        return []
+    return list(declaration.metadata) + _constraints(declaration.annotation)
+
+
+def _bounds(declaration: Any, context: dict[str, Any]) -> str:
+    low, high = "(-inf", "inf)"
+    for item in _declared(declaration):
+        if getattr(item, "ge", None) is not None:
+            low = f"[{item.ge:g}"
+        if getattr(item, "gt", None) is not None:
+            low = f"({item.gt:g}"
+        if getattr(item, "le", None) is not None:
+            high = f"{item.le:g}]"
+        if getattr(item, "lt", None) is not None:
+            high = f"{item.lt:g})"
+    if low == "(-inf" and high == "inf)":
+        return str(context)
+    return f"{low}, {high}"
+
+
+def _lengths(declaration: Any) -> tuple[int | None, int | None]:
+    least = most = None
+    for item in _declared(declaration):
+        least = getattr(item, "min_length", None) if getattr(item, "min_length", None) is not None else least
+        most = getattr(item, "max_length", None) if getattr(item, "max_length", None) is not None else most
+    return least, most

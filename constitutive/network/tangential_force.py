@@ -1,0 +1,67 @@
+"""Tangential-force anisotropy as contacts slip [model, section 5.3, closure "frictional"].
+
+A packing of frictionless contacts that friction is switched on for carries no tangential forces. While it is sheared
+every contact follows ``f_t = c_t s f`` until its own Coulomb limit stops it. Normal forces are spread evenly near zero,
+so that the number of contacts at their limit grows with |s| and what they fail to carry with its square:
+
+    a_t = s (c_t - k m^2/(m + L)),    m = |s|,    L = lambda max(X_0, 0)
+
+L delays slip where a growing pressure has moved weak contacts away from zero force. Past its maximum over m the
+magnitude stays: a_t is bounded by the friction of the contacts, ``c_t^2/(4 k)`` at constant pressure.
+"""
+
+from granfabric.constitutive.compilation import compiled
+
+_ITERATIONS = 60
+
+
+@compiled()
+def _largest(c_t, k, delay):
+    """The m at which ``c_t m - k m^3/(m + L)`` is largest: the root of ``k m^2 (2 m + 3 L) = c_t (m + L)^2``."""
+    if k <= 0.0:
+        return 1e300
+    # the slip term's derivative lies between 2 k m and 3 k m, so the root between c_t/(3 k) and c_t/(2 k), where the
+    # function is convex and rising: Newton from the upper end does not overshoot
+    m = 0.5 * c_t / k
+    for _ in range(_ITERATIONS):
+        value = k * m * m * (2.0 * m + 3.0 * delay) - c_t * (m + delay) * (m + delay)
+        slope = 6.0 * k * m * (m + delay) - 2.0 * c_t * (m + delay)
+        if not slope > 0.0:  # c_t = 0: nothing to saturate
+            break
+        step = value / slope
+        m -= step
+        if abs(step) <= 1e-15 * m:
+            break
+    return m
+
+
+@compiled()
+def tangential_magnitude(m, c_t, k, delay):
+    """|a_t| at the stress ratio m, with derivatives.
+
+    Parameters
+    ----------
+    m : float
+        q/p, >= 0.
+    c_t : float
+        |a_t|/m without slip.
+    k : float
+        Slip coefficient.
+    delay : float
+        L, >= 0.
+
+    Returns
+    -------
+    value, by_m, by_delay : float
+        The value is monotone in m.
+    """
+    if m + delay <= 0.0 or k <= 0.0:
+        return c_t * m, c_t, 0.0
+    total = m + delay
+    by_m = c_t - k * m * m * (2.0 * m + 3.0 * delay) / (total * total)
+    if by_m < 0.0:
+        # at the maximum the derivative by m vanishes, so that the one by L is the direct one
+        m = _largest(c_t, k, delay)
+        total = m + delay
+        by_m = 0.0
+    return c_t * m - k * m * m * m / total, by_m, k * m * m * m / (total * total)

@@ -1,0 +1,214 @@
+"""Motion of frictional disks in a deforming periodic cell: the compiled core of the DEM.
+
+Per contact a linear normal spring (no tension), a linear tangential spring with history, and Coulomb's limit
+``|ft| <= mu fn``. Particles follow the homogeneous deformation of the cell without inertia; what they move beyond it
+has inertia and is damped by a drag proportional to that extra velocity. In the quasi-static limit neither mass nor drag
+matters, so both are chosen for speed:
+
+- every particle has the same mass m and the rotational inertia m r^2, the rotation being carried as the displacement of
+  the surface. Then the stiffest possible mode (six contacts a particle, kt = kn) has ``omega^2 = 12 kn/m``. The step is
+  given as the number ``step = dt sqrt(kn/m)``, critical at ``2/sqrt(12) = 0.577``; the default is 0.7 of that. Gradings
+  so wide that a disk can have Z > 6 contacts take ``sqrt(6/Z)`` of the step;
+- the drag is the number ``damping``, so that ``v(+1/2) = ((1 - damping) v(-1/2) + F dt/m)/(1 + damping)``.
+
+Displacements in a dense packing are far smaller than disks. Directions and lengths of branch vectors are therefore kept
+from one *refresh* to the next and only the overlap and the tangential elongation are integrated in between; a refresh
+computes them anew from the positions as soon as any pair may have moved by more than `refresh` mean diameters relative
+to each other (default 2e-5, a fifth of the mean overlap at kn/p = 1e4): a direction is never off by more than 2e-5 rad
+and an overlap by more than the square of that. (Likewise the lever arms of tangential forces are the radii, not the
+radii less half the overlap.) Pairs that cannot touch before the next refresh are left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granfabric.dem_ref.sample.disks import Sample, SampleError
+from granfabric.dem_ref.sample.neighbours import NearPairs, find_near_pairs, most_neighbours
+
+from .stepping import (
+    DRAG_HEAT,
+    FRICTION_HEAT,
+    NORMAL_FORCE,
+    TRAVEL,
+    UNBALANCED,
+    WORK,
+    advance,
+    advance_two_threads,
+    refresh_contacts,
+    write_back,
+)
+
+STEP = 0.4
+DAMPING = 0.06
+SKIN = 0.03
+LARGEST_SKIN = 0.1
+REFRESH = 2.0e-5
+
+
+class UnstableMotionError(RuntimeError):
+    """Stresses are no longer finite."""
+
+
+@dataclass
+class Control:
+    """What drives the cell: strain rate per step = drive + gain (target - stress), target moving by `target_rate`."""
+
+    drive: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    gain: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
+    target: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    target_rate: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    fastest_rate: float = 1.0e-4
+
+
+class Motion:
+    """Steps a sample in time; the sample is changed in place.
+
+    Parameters
+    ----------
+    sample : Sample
+        Belongs to the motion from now on; complete again after each `run`.
+    step : float
+        ``dt sqrt(kn/m)``, at most 0.5.
+    damping : float
+        Drag number, see the module's text.
+    skin : float
+        Gap, in mean diameters, below which pairs are in the list of neighbours.
+    refresh : float
+        Largest relative displacement of a pair, in mean diameters, before directions are computed anew.
+    threads : int
+        1 or 2; the result is the same to the last bit. Two pay from some 10,000 disks on; several samples at once are
+        better run in one Python thread each (compiled code holds no lock).
+    """
+
+    def __init__(
+        self,
+        sample: Sample,
+        *,
+        step: float = STEP,
+        damping: float = DAMPING,
+        skin: float = SKIN,
+        refresh: float = REFRESH,
+        threads: int = 1,
+    ) -> None:
+        if threads not in (1, 2):
+            raise SampleError(f"threads is {threads}, legal are 1 and 2")
+        if not 0.0 < step <= 0.5:
+            raise SampleError(f"step is {step}, legal are 0 < dt sqrt(kn/m) <= 0.5")
+        if not 0.0 <= damping < 1.0:
+            raise SampleError(f"damping is {damping}, legal are 0 <= damping < 1")
+        if not 0.0 < 4.0 * refresh <= skin <= LARGEST_SKIN:
+            raise SampleError(
+                f"refresh is {refresh} with skin {skin}, legal are 0 < refresh <= skin/4 and skin <= {LARGEST_SKIN}"
+            )
+        self.sample = sample
+        self.step = step * sqrt(6.0 / most_neighbours(sample.radius))
+        self.damping = damping
+        self.threads = threads
+        self.steps_done = 0
+        self.tally = np.zeros(3)
+        self.stress = np.zeros(3)
+        self.measures = np.zeros(8)
+        diameter = sample.mean_diameter
+        self._skin = skin * diameter
+        self._refresh = refresh * diameter
+        # not the skin itself: when directions are computed anew must not depend on it
+        self._longest = 2.0 * float(sample.radius.max()) + LARGEST_SKIN * diameter
+        self._velocity = np.zeros((sample.count, 4))
+        self._velocity[:, :2] = sample.velocity
+        self._velocity[:, 2] = sample.spin
+        self._force = np.zeros((2, sample.count, 4))
+        self._room = -1.0  # travel left before the list of neighbours is stale
+        self._arrays: tuple[NDArray, NDArray, NDArray, NDArray] | None = None
+        self.rebuilds = 0
+        self.refreshes = 0
+
+    def _find_neighbours(self) -> None:
+        sample = self.sample
+        sample.pairs = find_near_pairs(sample.position, sample.radius, sample.cell, self._skin, sample.pairs)
+        size = len(sample.pairs.first)
+        self._arrays = (
+            np.empty(size, np.uint32), np.empty(size, np.uint32), np.empty((size, 5)), np.empty(size, np.uint32)
+        )  # fmt: skip
+        self._room = self._skin - 2.0 * self._refresh
+        self.rebuilds += 1
+
+    def run(self, steps: int, control: Control | None = None) -> int:
+        """Advance by `steps` steps; afterwards `stress`, `measures`, `tally` and the sample are up to date."""
+        control = control or Control()
+        sample = self.sample
+        kn = sample.normal_stiffness
+        take_steps = advance_two_threads if self.threads == 2 else advance
+        done = 0
+        while done < steps:
+            if self._room <= 0.0:
+                self._find_neighbours()
+            assert self._arrays is not None
+            first, second, branch, source = self._arrays
+            pairs = sample.pairs
+            count = refresh_contacts(
+                sample.position, sample.radius, sample.cell, sample.strain_rate, self._velocity, pairs.first,
+                pairs.second, pairs.image, pairs.tangential, 2.0 * self._refresh, first, second, branch, source,
+            )  # fmt: skip
+            # a single step may overshoot the allowed travel; the margin of two leaves room for one such step
+            done += take_steps(
+                steps - done, self._refresh, self._longest, count, first, second, branch, self._velocity, self._force,
+                sample.position, sample.cell, sample.strain_rate, sample.strain, self.stress, control.target,
+                control.target_rate, control.drive, control.gain, control.fastest_rate, kn, kn * sample.stiffness_ratio,
+                sample.friction, self.step, self.damping, self.tally, self.measures,
+            )  # fmt: skip
+            write_back(pairs.tangential, source, branch, count)
+            self._room -= self.measures[TRAVEL]
+            self.refreshes += 1
+        if not np.isfinite(self.stress).all():
+            raise UnstableMotionError(
+                f"the motion lost its stability after {self.steps_done + done} steps: reduce the step"
+            )
+        self.steps_done += done
+        sample.velocity = self._velocity[:, :2].copy()
+        sample.spin = self._velocity[:, 2].copy()
+        return done
+
+    @property
+    def unbalanced_force(self) -> float:
+        """Root mean square of the resultant contact force on a particle over the mean normal contact force."""
+        scale = self.measures[NORMAL_FORCE]
+        return float(self.measures[UNBALANCED] / scale) if scale > 0.0 else 0.0
+
+    def inertial_number(self, rate: NDArray[np.float64], pressure: float) -> float:
+        """``I = rate sqrt(m/p)`` (plane, unit thickness) for a strain per step; rate measure ``sqrt(2 e:e)``."""
+        size = sqrt(2.0 * (rate[0] ** 2 + rate[1] ** 2 + 2.0 * rate[2] ** 2))
+        return size * sqrt(self.sample.normal_stiffness / max(pressure, 1e-300)) / self.step
+
+    def energies(self) -> dict[str, float]:
+        """Energies in J per metre: elastic (normal, tangential), kinetic, and since the start work and heats."""
+        sample = self.sample
+        kn, kt = sample.normal_stiffness, sample.normal_stiffness * sample.stiffness_ratio
+        overlap, elongation = contact_elongations(sample)
+        return {
+            "normal": 0.5 * kn * float(np.sum(overlap**2)),
+            "tangential": 0.5 * kt * float(np.sum(elongation**2)),
+            "kinetic": 0.5 * kn / self.step**2 * float(np.sum(self._velocity[:, :3] ** 2)),
+            "work": float(self.tally[WORK]),
+            "friction": float(self.tally[FRICTION_HEAT]),
+            "drag": float(self.tally[DRAG_HEAT]),
+        }
+
+
+def branch_vectors(sample: Sample, pairs: NearPairs | None = None) -> NDArray[np.float64]:
+    """Vectors from the first to the second centre of each near pair, (npairs, 2)."""
+    pairs = pairs or sample.pairs
+    return sample.position[pairs.second] - sample.position[pairs.first] + pairs.image @ sample.cell
+
+
+def contact_elongations(sample: Sample) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Overlaps (zero if apart) and tangential elongations of the near pairs."""
+    vectors = branch_vectors(sample)
+    pairs = sample.pairs
+    reach = sample.radius[pairs.first] + sample.radius[pairs.second]
+    overlap = np.maximum(reach - np.hypot(vectors[:, 0], vectors[:, 1]), 0.0)
+    return overlap, pairs.tangential

@@ -1,0 +1,185 @@
+"""What contacts with small forces do in probes: the inputs of the closures of the point law.
+
+Everything here needs an isotropic packing and probes that go no further than q/p = 0.05. Forces are in units of the
+mean normal force f.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granfabric.dem_ref.loading.legs import stress_invariants
+from granfabric.dem_ref.measures.contacts import Contacts, contacts_of, force_harmonics, love_weber_stress
+from granfabric.dem_ref.measures.events import match_contacts
+from granfabric.dem_ref.sample.disks import Sample
+
+from .probes import ELASTIC_LIMITS, Probe, settled, stress_probe
+
+Array = NDArray[np.float64]
+
+WEAK_FORCE = 0.15
+"""Contacts up to this share of the mean normal force are near opening."""
+SCATTER_FORCES = (0.1, 0.5)
+"""Contacts whose residual change after a loop is taken: weak, but so that few are lost in the loop."""
+LOOP_STRESS_RATIO = 0.05
+ANGLES = (0.5 * np.pi, 0.25 * np.pi)
+
+
+@dataclass(frozen=True)
+class WeakContacts:
+    """What contacts with small forces feel of the mean change of force in their direction (elastic probes).
+
+    Attributes
+    ----------
+    ratio : float
+        chi: their change over the mean change of their direction, in the limit of zero force; shear probes.
+    ratio_isotropic : float
+        chi_p: the same for isotropic probes.
+    scatter, scatter_isotropic : float
+        c_e, c_p: standard deviation about that, over the amplitude ``chi |w|`` of the shifted harmonic and over the
+        isotropic shift ``chi_p dp/p``.
+    fluctuation : float
+        c_w: the standard deviation in shear over ``|dgamma| kn r/f``.
+    tangential_ratio : float
+        c_t: |a_t| over q/p, all contacts.
+    tangential_response : float
+        Root mean square of the tangential force of weak contacts over q/p, in the direction where it is largest.
+    """
+
+    ratio: float
+    ratio_isotropic: float
+    scatter: float
+    scatter_isotropic: float
+    fluctuation: float
+    tangential_ratio: float
+    tangential_response: float
+
+
+@dataclass(frozen=True)
+class _Response:
+    """Changes of the persisting contacts in a probe."""
+
+    normal: Array
+    tangential: Array
+    force: Array
+    double_angle: Array
+
+
+def _response(before: Contacts, after: Contacts) -> _Response:
+    match = match_contacts(before, after)
+    old, new = match.persisting_before, match.persisting_after
+    f = force_harmonics(before).mean
+    return _Response(
+        (after.normal_force[new] - before.normal_force[old]) / f,
+        (after.tangential_force[new] - before.tangential_force[old]) / f,
+        before.normal_force[old] / f,
+        before.double_angle[old],
+    )
+
+
+def measure_weak_contacts(sample: Sample, isotropic: list[Probe], shear: list[Probe]) -> WeakContacts:
+    """Response of weak contacts in elastic probes of the sample.
+
+    The mean change of normal force over direction is fitted by harmonics ``m0 + m . e`` over all contacts. The ratio of
+    a contact's change to that mean grows with its force; a straight line in the force over the contacts below
+    `WEAK_FORCE` gives its limit at zero force.
+    """
+    rows, rows_isotropic = [], []
+    for probe in isotropic:
+        response = _response(probe.before, probe.after)
+        mean = np.full(len(response.normal), response.normal.mean())
+        ratio, scatter = _ratio_at_zero(response.normal, mean, response.force)
+        rows_isotropic.append((ratio, scatter / abs(ratio * mean[0])))
+    kn, radius = sample.normal_stiffness, 0.5 * sample.mean_diameter
+    for probe in shear:
+        response = _response(probe.before, probe.after)
+        basis = np.column_stack([np.ones(len(response.normal)), response.double_angle])
+        mean = basis @ np.linalg.lstsq(basis, response.normal, rcond=None)[0]
+        ratio, scatter = _ratio_at_zero(response.normal, mean, response.force)
+        amplitude = abs(ratio) * np.sqrt(2.0 * np.mean(mean[response.force < WEAK_FORCE] ** 2))
+        strain = np.hypot(probe.strain_change[0] - probe.strain_change[1], 2.0 * probe.strain_change[2])
+        unit = strain * kn * radius / force_harmonics(probe.before).mean
+        p, stress = stress_invariants(love_weber_stress(sample))[0], probe.stress_change
+        stress_ratio = float(np.hypot(0.5 * (stress[0] - stress[1]), stress[2]) / p)
+        everything = np.ones(len(response.force), bool)
+        all_ratio, _ = _tangential(response, everything)
+        weak_ratio, weak_scatter = _tangential(response, response.force < WEAK_FORCE)
+        rows.append(
+            (
+                ratio,
+                scatter / amplitude,
+                scatter / unit,
+                all_ratio / stress_ratio,
+                np.hypot(weak_ratio, weak_scatter) / stress_ratio,
+            )
+        )
+    ratio, scatter, fluctuation, tangential, tangential_response = (float(value) for value in np.mean(rows, axis=0))
+    ratio_isotropic, scatter_isotropic = (float(value) for value in np.mean(rows_isotropic, axis=0))
+    return WeakContacts(
+        ratio, ratio_isotropic, scatter, scatter_isotropic, fluctuation, tangential, tangential_response
+    )
+
+
+def _ratio_at_zero(change: Array, mean: Array, force: Array) -> tuple[float, float]:
+    """Ratio change/mean in the limit of zero force, and the standard deviation about the line."""
+    weak = force < WEAK_FORCE
+    m = mean[weak]
+    basis = np.column_stack([m, m * force[weak]])
+    coefficients = np.linalg.lstsq(basis, change[weak], rcond=None)[0]
+    return float(coefficients[0]), float(np.std(change[weak] - basis @ coefficients))
+
+
+def _tangential(response: _Response, chosen: NDArray[np.bool_]) -> tuple[float, float]:
+    """|a_t| of the chosen contacts and the standard deviation about the harmonic."""
+    e, change = response.double_angle[chosen], response.tangential[chosen]
+    basis = np.column_stack([e[:, 1], e[:, 0]])
+    harmonic = np.linalg.lstsq(basis, change, rcond=None)[0]
+    return float(np.hypot(*harmonic)), float(np.std(change - basis @ harmonic))
+
+
+@dataclass(frozen=True)
+class SlipLoop:
+    """What small loops of the stress ratio at constant p leave behind; means over two directions of loading.
+
+    Attributes
+    ----------
+    force_anisotropy_ratio : float
+        c_n: change of a_n over q/p at the top.
+    slip : float
+        k: a loop to q/p = s leaves ``a_t = -k s^2/2``, as contacts do that slip at thresholds spread evenly above zero:
+        on the way up they fail to carry ``k s^2``, on the way down half of it.
+    irreversible_scatter : float
+        c_i: standard deviation of the changes of weak normal forces that the loop leaves, over s^2.
+    """
+
+    force_anisotropy_ratio: float
+    slip: float
+    irreversible_scatter: float
+
+
+def measure_slip(sample: Sample, stress_ratio: float = LOOP_STRESS_RATIO) -> SlipLoop:
+    """Load the sample at constant p to `stress_ratio` and back, along two axes; it is not changed."""
+    rest = settled(sample)
+    start = contacts_of(rest)
+    p = stress_invariants(love_weber_stress(rest))[0]
+    rows = []
+    for angle in ANGLES:
+        up = stress_probe(rest, 0.0, stress_ratio * p, angle, limits=ELASTIC_LIMITS)
+        down = stress_probe(up.sample, 0.0, -stress_ratio * p, angle, limits=ELASTIC_LIMITS)
+        axis = np.array([np.cos(2.0 * angle), np.sin(2.0 * angle)])
+        harmonics = force_harmonics(contacts_of(up.sample)).normal - force_harmonics(start).normal
+        left = _response(start, contacts_of(down.sample))
+        along = left.double_angle @ axis
+        across = left.double_angle[:, 1] * axis[0] - left.double_angle[:, 0] * axis[1]
+        tangential = -float(left.tangential @ across / (across @ across))
+        weak = (left.force > SCATTER_FORCES[0]) & (left.force < SCATTER_FORCES[1])
+        basis = np.column_stack([np.ones(len(along)), along])[weak]
+        change = left.normal[weak]
+        scatter = float(np.std(change - basis @ np.linalg.lstsq(basis, change, rcond=None)[0]))
+        rows.append(
+            (harmonics @ axis / stress_ratio, -2.0 * tangential / stress_ratio**2, scatter / stress_ratio**2)
+        )
+    return SlipLoop(*(float(value) for value in np.mean(rows, axis=0)))

@@ -1,0 +1,69 @@
+"""The state before the first step, as a step like any other: number 0 at the beginning of the first stage."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granfabric.fem.discretisation.assembly import ForceAssembler
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.vectors import Array
+
+from .results import StageStart, StepResult
+
+
+def initial_result(problem: Problem) -> StepResult:
+    """Fields and reactions of the initial state.
+
+    The reactions balance the initial stress and the loads that act from the outset at the supports of the first stage.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    StepResult
+        With ``step = 0`` and ``fraction = 0``.
+    """
+    space, terms = problem.space, problem.program.terms[0]
+    internal = ForceAssembler(space).internal_force(problem.initial_stress, np.empty(space.ndofs))
+    external = terms.force_end if problem.starts_loaded else terms.force_start
+    support = np.zeros(space.ndofs)
+    support[terms.constrained] = (internal - external)[terms.constrained]
+    nothing = np.zeros(space.ndofs)
+    return StepResult(
+        stage=terms.stage.name,
+        step=0,
+        fraction=0.0,
+        displacement=nothing,
+        reactions=boundary_sums(named_nodes(space), support),
+        stress=problem.initial_stress.copy(),
+        strain=np.zeros((space.npoints, 3)),
+        state=problem.initial_state.copy(),
+        status=np.zeros(space.npoints, dtype=np.int8),
+        iterations=0,
+        factorisations=0,
+        cuts=0,
+        residuals=(),
+        substeps=0,
+        limited=0,
+        next_increment=1.0 / terms.stage.increments,
+        stage_start=StageStart(nothing, nothing, nothing),
+    )
+
+
+def named_nodes(space: Space) -> dict[str, NDArray[np.int64]]:
+    """Nodes on each named boundary."""
+    return {name: space.boundary_nodes(name) for name in space.host_mesh.boundaries}
+
+
+def boundary_sums(nodes: dict[str, NDArray[np.int64]], forces: Array) -> dict[str, tuple[float, float]]:
+    """Nodal forces, shape (ndofs,), summed over each named boundary: x and y [N/m]."""
+    by_node = forces.reshape(-1, 2)
+    sums = {}
+    for name, members in nodes.items():
+        x, y = by_node[members].sum(axis=0)
+        sums[name] = (float(x), float(y))
+    return sums

@@ -1,0 +1,110 @@
+"""The course of a linear problem: one linear solve a stage, because within a stage everything moves in proportion.
+
+Where the stiffness at every point is that of the initial state and stays so, displacements, strains and stresses of a
+stage go along straight lines from its start to its end. One factorisation serves all stages that hold the same degrees
+of freedom.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from granfabric.fem.linear_solvers.direct import FactorisationError
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.vectors import Array
+
+from .residual import Equilibrium
+from .results import StageStart
+from .stage_start import external_force, stage_start, target_displacement
+
+# Relative residual of the linear solves; a direct factor reaches it in one application.
+RESIDUAL = 1e-12
+
+
+class CourseError(ArithmeticError):
+    """The linear problem of a stage has no solution; the text says why."""
+
+
+@dataclass(frozen=True)
+class StageCourse:
+    """Straight way of one stage.
+
+    Parameters
+    ----------
+    start : StageStart
+    displacement : ndarray, shape (ndofs,)
+        Change over the whole stage [m].
+    strain : ndarray, shape (npt, 3)
+        Change over the whole stage: xx, yy, engineering xy; tension positive.
+    solves : int
+        Linear solves that it took.
+    """
+
+    start: StageStart
+    displacement: Array
+    strain: Array
+    solves: int
+
+
+class LinearCourse:
+    """Stages one after the other, each solved once with the stiffness of the initial state.
+
+    Parameters
+    ----------
+    problem : Problem
+    system : Equilibrium
+        In its initial state; its factor is used, its material is asked for the stiffness only.
+
+    Raises
+    ------
+    CourseError
+        If a point of the initial state has no stiffness.
+    """
+
+    def __init__(self, problem: Problem, system: Equilibrium) -> None:
+        self._problem = problem
+        self._system = system
+        self._displacement = np.zeros(problem.space.ndofs)
+        self._internal = system.internal_force.copy()
+        self._reference = np.zeros(problem.space.ndofs)
+        self._done = 0
+        report = system.material.still_tangent("elastic")
+        if report.failed:
+            raise CourseError(f"the initial state has no stiffness: {report.message}")
+
+    def next_stage(self) -> StageCourse:
+        """Solve the next stage.
+
+        Raises
+        ------
+        CourseError
+        """
+        problem, system, index = self._problem, self._system, self._done
+        terms = problem.program.terms[index]
+        with system.accounting.phase("setup"):
+            system.constrain(terms.constrained)
+            start = stage_start(problem, index, self._displacement, self._internal, self._reference)
+        self._reference = start.reference
+        tangent = system.material.tangent_start
+        with system.accounting.phase("boundary"):
+            change = np.zeros(problem.space.ndofs)
+            change[terms.constrained] = target_displacement(terms, start) - start.displacement[terms.constrained]
+            end = external_force(problem, index, start, 1.0)
+            right_hand_side = (end - self._internal)[system.free]
+            if change.any():
+                right_hand_side -= system.forces.tangent_times(tangent, change, system.scratch)[system.free]
+        solves = 0
+        if system.worth_solving(right_hand_side, end):
+            try:
+                change[system.free] += system.linear_solve(right_hand_side, RESIDUAL, committed=True, guess=None)
+            except FactorisationError as error:
+                raise CourseError(f"the stiffness cannot be solved: {error}") from error
+            solves = 1
+        with system.accounting.phase("state"):
+            strain = system.forces.strain(change, np.empty((problem.space.npoints, 3)))
+            self._internal = self._internal + system.forces.tangent_times(tangent, change, system.scratch)
+            self._displacement = self._displacement + change
+        self._done += 1
+        return StageCourse(start, change, strain, solves)

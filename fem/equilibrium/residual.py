@@ -1,0 +1,168 @@
+"""The discrete system at its last commit: what one load step starts from."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from granfabric.fem.accounting import Accounting
+from granfabric.fem.discretisation.assembly import ForceAssembler, TangentAssembler
+from granfabric.fem.discretisation.quadrature_material import QuadratureMaterial
+from granfabric.fem.linear_solvers.direct import make_solver
+from granfabric.fem.linear_solvers.tangent import FactorMemory, TangentSolver
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.vectors import norm
+
+from .control import StepControl
+
+Array = NDArray[np.float64]
+
+
+class Equilibrium:
+    """Displacements, internal forces, material and solvers of a run.
+
+    Parameters
+    ----------
+    problem : Problem
+    control : StepControl
+    accounting : Accounting
+
+    Attributes
+    ----------
+    displacement, internal_force : ndarray, shape (ndofs,)
+        At the last commit [m], [N/m].
+    internal_trial : ndarray, shape (ndofs,)
+        At the last trial.
+    force_scale : float
+        Largest norm of internal or external nodal forces at the commits of the current stage and at its start [N/m].
+    free, constrained : ndarray of int
+        Set by `constrain`.
+    """
+
+    def __init__(self, problem: Problem, control: StepControl, accounting: Accounting) -> None:
+        space = problem.space
+        self.space = space
+        self.control = control
+        self.accounting = accounting
+        self.forces = ForceAssembler(space)
+        self.material = QuadratureMaterial(
+            problem.law,
+            self.forces,
+            problem.initial_stress,
+            problem.initial_state,
+            accounting,
+            material_index=problem.material_index,
+        )
+        self.displacement = np.zeros(space.ndofs)
+        self.internal_force = np.zeros(space.ndofs)
+        self.internal_trial = np.zeros(space.ndofs)
+        self.scratch = np.zeros(space.ndofs)
+        self._product = np.zeros(space.ndofs)
+        self._full = np.zeros(space.ndofs)
+        self.free = np.empty(0, dtype=np.int64)
+        self.constrained = np.empty(0, dtype=np.int64)
+        self._direct = make_solver(control.linear_solver)
+        self._solver = TangentSolver(self._direct, accounting, control.keep_factor)
+        self._tangent_matrix: TangentAssembler | None = None
+        self.force_scale = 0.0
+        self.refresh_internal_force()
+
+    @property
+    def solver_name(self) -> str:
+        """Name of the direct solver in use."""
+        return self._direct.name
+
+    def refresh_internal_force(self) -> None:
+        """Internal forces of the committed stress."""
+        self.forces.internal_force(self.material.stress_start, self.internal_force)
+
+    def constrain(self, constrained: NDArray[np.int64]) -> None:
+        """Choose the prescribed degrees of freedom; pattern and factor are kept if they do not change."""
+        if self._tangent_matrix is not None and np.array_equal(constrained, self.constrained):
+            return
+        self.constrained = constrained
+        mask = np.ones(self.space.ndofs, dtype=bool)
+        mask[constrained] = False
+        self.free = np.flatnonzero(mask)
+        self._full[:] = 0.0
+        self._tangent_matrix = TangentAssembler(self.space, self.free)
+        self._solver.reset()
+
+    def factor_memory(self) -> FactorMemory:
+        """What the linear solver remembers."""
+        return self._solver.memory()
+
+    def restore_factor(self, memory: FactorMemory) -> None:
+        """Let the linear solver go on as if it had never stopped; after `constrain`.
+
+        Raises
+        ------
+        FactorisationError
+        """
+        assert self._tangent_matrix is not None
+        self._solver.restore(memory, self._tangent_matrix.matrix)
+
+    def pattern_size(self) -> int:
+        """Number of entries of the tangent matrix; after `constrain`."""
+        assert self._tangent_matrix is not None
+        return int(self._tangent_matrix.matrix.nnz)
+
+    def worth_solving(self, right_hand_side: Array, external: Array) -> bool:
+        """Whether a predicted residual is above what counts as equilibrium."""
+        if not len(self.free):
+            return False
+        scale = max(self.force_scale, norm(external))
+        allowed = max(self.control.tolerance * scale, self.control.absolute_tolerance)
+        return norm(right_hand_side) > allowed
+
+    def linear_solve(self, right_hand_side: Array, tolerance: float, committed: bool, guess: Array | None) -> Array:
+        """Solve with the exact tangent, of the last commit or of the last trial.
+
+        Parameters
+        ----------
+        right_hand_side : ndarray, shape (nfree,)
+        tolerance : float
+            Relative residual.
+        committed : bool
+            Tangent of the last commit instead of the last trial.
+        guess : ndarray, shape (nfree,), optional
+
+        Raises
+        ------
+        FactorisationError
+        """
+        tangent = self.material.tangent_start if committed else self.material.tangent_end
+        free = self.free
+
+        def operator(x: Array) -> Array:
+            # Products with D point by point cost about as much as with the assembled matrix, which takes ten times
+            # as long to assemble; it is only made for a factorisation.
+            self._full[free] = x
+            return self.forces.tangent_times(tangent, self._full, self._product)[free]
+
+        def matrix() -> csr_matrix:
+            assert self._tangent_matrix is not None
+            self.accounting.matrix_assemblies += 1
+            with self.accounting.phase("assembly"):
+                return self._tangent_matrix.assemble(tangent)
+
+        self.accounting.newton_iterations += 1
+        return self._solver.solve(operator, matrix, right_hand_side, tolerance, guess)
+
+    def start_scale(self, external: Array) -> None:
+        """Begin a new stage: forget the force scale of the last one."""
+        self.force_scale = 0.0
+        self._raise_scale(external)
+
+    def _raise_scale(self, external: Array) -> None:
+        now = max(norm(self.internal_force), norm(external))
+        self.force_scale = max(self.force_scale, now)
+
+    def commit(self, displacement: Array, external: Array) -> None:
+        """Accept the last trial, in equilibrium with the given external forces."""
+        self.material.commit()
+        with self.accounting.phase("state"):
+            self.displacement[:] = displacement
+            self.internal_force, self.internal_trial = self.internal_trial, self.internal_force
+            self._raise_scale(external)

@@ -1,0 +1,192 @@
+"""Stages on a space: which degrees of freedom each stage prescribes, their end values, and its nodal forces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granfabric.fem.discretisation.space import Space
+
+from .kinds import (
+    COMPONENTS,
+    BodyForce,
+    Displacement,
+    Fixed,
+    FixedPoint,
+    Load,
+    LoadError,
+    Pressure,
+    Stage,
+    Traction,
+    check_stages,
+)
+
+Array = NDArray[np.float64]
+Key = tuple[Any, ...]
+
+# Two prescribed displacements of one node are the same if they differ by less than this fraction of the largest one.
+SAME_DISPLACEMENT = 1e-9
+
+
+@dataclass(frozen=True)
+class StageTerms:
+    """One stage in terms of the space.
+
+    Parameters
+    ----------
+    stage : Stage
+    constrained : ndarray of int, ascending
+        Prescribed degrees of freedom.
+    target : ndarray
+        Their displacements at the end of the stage [m]; nan where the one at the start of the stage stays.
+    released : ndarray of int
+        Degrees of freedom that the stage before prescribed and this one does not.
+    force_start, force_end : ndarray, shape (ndofs,)
+        Nodal forces of tractions, pressures and body forces [N/m].
+    """
+
+    stage: Stage
+    constrained: NDArray[np.int64]
+    target: Array
+    released: NDArray[np.int64]
+    force_start: Array
+    force_end: Array
+
+
+@dataclass(frozen=True)
+class _Constraint:
+    dofs: NDArray[np.int64]
+    values: Array  # nan: stay
+    label: str
+
+
+class LoadProgram:
+    """All stages, resolved and checked before anything runs.
+
+    Parameters
+    ----------
+    space : Space
+    stages : sequence of Stage
+
+    Raises
+    ------
+    LoadError
+        If stages or loads contradict each other.
+    MeshError
+        If a load names a boundary or region that the mesh does not have.
+    """
+
+    def __init__(self, space: Space, stages: Sequence[Stage]) -> None:
+        check_stages(stages)
+        self.terms: list[StageTerms] = []
+        constraints: dict[Key, _Constraint] = {}
+        forces: dict[Key, Array] = {}
+        # Displacement of each degree of freedom at the end of the stage, as far as it is known beforehand.
+        known = np.zeros(space.ndofs)
+        previous = np.empty(0, dtype=np.int64)
+        force_start = np.zeros(space.ndofs)
+        for stage in stages:
+            named_constraints: dict[Key, _Constraint] = {}
+            named_forces: dict[Key, Array] = {}
+            for load in stage.loads:
+                _resolve(space, load, stage.name, named_constraints, named_forces)
+            if stage.keep:
+                kept = {
+                    key: _Constraint(held.dofs, np.full(len(held.dofs), np.nan), held.label + " (kept)")
+                    for key, held in constraints.items()
+                }
+                constraints = {**kept, **named_constraints}
+                forces = {**forces, **named_forces}
+            else:
+                constraints, forces = named_constraints, named_forces
+            constrained, target = _merge(space, stage, constraints, known)
+            force_end = np.sum(list(forces.values()), axis=0) if forces else np.zeros(space.ndofs)
+            self.terms.append(
+                StageTerms(stage, constrained, target, np.setdiff1d(previous, constrained), force_start, force_end)
+            )
+            moved = np.full(space.ndofs, np.nan)
+            moved[constrained] = np.where(np.isnan(target), known[constrained], target)
+            known, previous, force_start = moved, constrained, force_end
+
+
+def _resolve(
+    space: Space, load: Load, stage: str, constraints: dict[Key, _Constraint], forces: dict[Key, Array]
+) -> None:
+    """Enter one load under the key by which a later stage replaces it."""
+    if isinstance(load, (Fixed, FixedPoint, Displacement)):
+        if isinstance(load, FixedPoint):
+            nodes = np.array([np.argmin(np.sum((space.nodes - np.asarray(load.point)) ** 2, axis=1))])
+            place, components = f"point {load.point}", load.components
+        else:
+            nodes, place = space.boundary_nodes(load.boundary), f"boundary {load.boundary!r}"
+            components = load.components if isinstance(load, Fixed) else (load.component,)
+        for component in components:
+            values = np.full(len(nodes), np.nan)
+            if isinstance(load, Displacement):
+                values[:] = load.value(*space.nodes[nodes].T) if callable(load.value) else load.value
+            if (place, component) in constraints:
+                raise LoadError(f"stage {stage!r} prescribes component {component} of {place} twice")
+            constraints[place, component] = _Constraint(2 * nodes + COMPONENTS.index(component), values, place)
+        return
+    key: Key
+    if isinstance(load, BodyForce):
+        key = ("body force", load.region)
+        cells = None if load.region is None else space.host_mesh.cells(load.region)
+        vector = space.body_vector(lambda x, y: _field(load.value, x, y), cells)
+    elif isinstance(load, Pressure):
+        key = ("pressure", load.boundary)
+        pressure = load.value
+
+        def pressing(x: Array, y: Array, nx: Array, ny: Array) -> Array:
+            size = pressure(x, y) if callable(pressure) else pressure
+            return np.stack([-size * nx, -size * ny], axis=1)
+
+        vector = space.traction_vector(load.boundary, pressing)
+    else:
+        assert isinstance(load, Traction)
+        key = (load.name, load.boundary)
+        vector = space.traction_vector(load.boundary, lambda x, y, nx, ny: _field(load.value, x, y, nx, ny))
+    if key in forces:
+        raise LoadError(f"stage {stage!r} prescribes the {key[0]} on {key[1]!r} twice")
+    forces[key] = vector
+
+
+def _field(value: Any, *arguments: Array) -> Array:
+    """Values of a constant or callable vector at n places, shape (n, 2)."""
+    if callable(value):
+        return np.asarray(value(*arguments), dtype=np.float64)
+    return np.broadcast_to(np.asarray(value, dtype=np.float64), (len(arguments[0]), 2))
+
+
+def _merge(
+    space: Space, stage: Stage, constraints: dict[Key, _Constraint], known: Array
+) -> tuple[NDArray[np.int64], Array]:
+    """One target for each prescribed degree of freedom; contradictions are refused.
+
+    A degree of freedom of unknown position (free until now) may not be both held and displaced.
+    """
+    size = max([0.0, *(np.nanmax(np.abs(held.values), initial=0.0) for held in constraints.values())])
+    allowed = SAME_DISPLACEMENT * max(size, float(np.nanmax(np.abs(known), initial=0.0)))
+    owner: dict[int, tuple[float, float, str]] = {}
+    for constraint in constraints.values():
+        for dof, value in zip(constraint.dofs.tolist(), constraint.values.tolist()):
+            end = known[dof] if np.isnan(value) else value
+            if dof not in owner:
+                owner[dof] = (value, end, constraint.label)
+                continue
+            other_value, other_end, label = owner[dof]
+            same_hold = np.isnan(value) and np.isnan(other_value)
+            if not same_hold and not abs(end - other_end) <= allowed:
+                x, y = space.nodes[dof // 2]
+                raise LoadError(
+                    f"stage {stage.name!r}: the node at ({x:.6g}, {y:.6g}) is told two displacements of component "
+                    f"{COMPONENTS[dof % 2]}, by {label} ({other_end:.6g} m) and by {constraint.label} ({end:.6g} m)"
+                )
+            if np.isnan(other_value):
+                owner[dof] = (value, end, constraint.label)
+    dofs = np.array(sorted(owner), dtype=np.int64)
+    return dofs, np.array([owner[dof][0] for dof in dofs.tolist()])
