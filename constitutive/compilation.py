@@ -16,6 +16,19 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.extending import register_jitable
+
+FORMULA_OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "no_cpython_wrapper": True}
+
+
+def formula(function: Callable) -> Any:
+    """Decorator of a plain function of numbers: compiled into the kernels that call it, interpreted elsewhere.
+
+    Its body is that of a scalar function without arrays and exceptions. In a kernel it works on single numbers or on
+    eight at a time (`lanes.eight`), for which its source is compiled anew. A product that is added to something may be
+    rounded once instead of twice (``contract``), in every lane alike; nothing else of IEEE arithmetic is given up.
+    """
+    return register_jitable(**FORMULA_OPTIONS)(function)
 
 
 def _cache_root() -> Path:

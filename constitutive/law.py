@@ -13,27 +13,25 @@ from granfabric.constitutive.integration.points import (
     TANGENT_ELASTIC,
     TANGENT_NONE,
     TANGENT_PROPAGATED,
+    Call,
+    Numerics,
     smallest_step_factor,
     update_points,
 )
-from granfabric.constitutive.lanes.layout import (
-    CLOSURE_FRICTIONAL,
-    FLUCTUATING,
-    HARMONIC,
-    MAXIMUM_ENTROPY,
-    MEAN_FIELD,
-    NEGLECTED,
-    SELF_CONSISTENT,
-    SHIFTED_DISTRIBUTION,
-)
-from granfabric.constitutive.lanes.load import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
-from granfabric.constitutive.lanes.runge_kutta import TABLEAUS
+from granfabric.constitutive.integration.runge_kutta import TABLEAUS, ending_at_the_end
+from granfabric.constitutive.lanes.eight import LANES_OF_KERNELS, ONE_LANE
+from granfabric.constitutive.network.at_rest import AtRest
 from granfabric.constitutive.network.force_fabric import initial_force_fabric
+from granfabric.constitutive.network.point import Options
+from granfabric.constitutive.network.rates import MeanField
+from granfabric.constitutive.network.weak_force_state import ShiftedDistribution
 from granfabric.constitutive.sliding.checks import check_sliding, initial_hardening
+from granfabric.constitutive.sliding.slide import SLIDE
 
 from .contract import Array, LawDescription, TangentKind, UpdateReport
 from .effects import Effects
-from .parameters import CLOSURE_NUMBERS, Closure, Integration, Material, ParameterError, parameter_table
+from .material_table import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
+from .parameters import Closure, Integration, Material, ParameterError, parameter_table
 from .state import micro_of_columns, state_variables
 from .threads import run_in_threads
 
@@ -42,13 +40,6 @@ _TANGENTS = {
     "continuum": TANGENT_CONTINUUM,
     "elastic": TANGENT_ELASTIC,
 }
-
-_FORCE_CHANGE = {
-    "mean_field": MEAN_FIELD,
-    "fluctuating": FLUCTUATING,
-    "shifted_distribution": SHIFTED_DISTRIBUTION,
-}
-_TANGENTIAL = {"neglected": NEGLECTED, "self_consistent": SELF_CONSISTENT, "frictional": CLOSURE_FRICTIONAL}
 
 _COMFORTABLE_SUBSTEPS = 20
 """Substeps per increment above which the report proposes no larger step."""
@@ -109,33 +100,52 @@ class ContactLaw:
         shifted = self.closure.force_change == "shifted_distribution" and self.effects.network_changes
         self._variables = state_variables(self.effects, shifted)
         self._micro = micro_of_columns(self._variables)
-        self._options = np.array(
-            [
-                self.effects.contact_loss,
-                self.effects.contact_gain,
-                self.effects.principal_rotation,
-                self.effects.stiffness_feedback or not self.effects.network_changes,
-                _TANGENTIAL[self.closure.tangential_rule],
-                MAXIMUM_ENTROPY if entropy else HARMONIC,
-                self.integration.arc_integration == "closed_form",
-                _FORCE_CHANGE[self.closure.force_change] if self.effects.network_changes else MEAN_FIELD,
-                self.closure.shear_stiffness == "isostatic",
-                self.effects.sliding,
-            ],
-            dtype=np.int64,
+        follow = self.effects.stiffness_feedback or not self.effects.network_changes
+        self._options = Options(
+            loss=self.effects.contact_loss,
+            gain=self.effects.contact_gain,
+            rotation=self.effects.principal_rotation,
+            feedback=follow,
+            isostatic=self.closure.shear_stiffness == "isostatic",
+            limited=not entropy and not shifted,
+            derivatives=False,
         )
-        self._tableau = TABLEAUS[self.integration.integrator]
-        self._numerics = np.array(
-            [self.integration.tolerance, self.integration.substeps, self.integration.maximum_substeps], dtype=np.float64
-        )
-        numbers = {name: float(getattr(self.closure, name)) for name in CLOSURE_NUMBERS}
-        if not self.effects.irreversible_spread:
-            numbers["irreversible_scatter"] = 0.0
-        self._numbers = np.array(list(numbers.values()))
-        around = max(8, self.integration.directions // 2)
-        circle = 2.0 * np.pi * np.arange(around) / around
+        self._kernel_closure = self._closure_of_kernels(entropy)
+        tableau = TABLEAUS[self.integration.integrator]
+        # the return to the cone moves the end of a substep, so that nothing is gained by a stage there
+        self._tableau = tableau if self.effects.sliding else ending_at_the_end(tableau)
+        around = max(12, self.integration.directions // 2)
+        circle = 2.0 * np.pi * np.arange(max(8, self.integration.directions // 2)) / max(8, self.integration.directions // 2)
+        half = np.pi * (np.arange((around + 1) // 2) + 0.5) / ((around + 1) // 2)
         nodes, weights = np.polynomial.legendre.leggauss(self.integration.directions)
-        self._rule = (nodes, weights, np.cos(circle), np.sin(circle))
+        self._rule = (nodes, weights, np.cos(circle), np.sin(circle), np.cos(half))
+
+    def _closure_of_kernels(self, entropy: bool) -> AtRest | MeanField | ShiftedDistribution:
+        """Numbers of the closure, of the type for which a kernel is compiled; none for a network that cannot change."""
+        closure = self.closure
+        if not self.effects.network_changes:
+            return AtRest(0.0)
+        if closure.force_change == "shifted_distribution":
+            return ShiftedDistribution(
+                frictional=closure.tangential_rule == "frictional",
+                chi=float(closure.weak_contact_ratio),
+                chi_p=float(closure.weak_contact_ratio_isotropic),
+                c_e=float(closure.elastic_scatter),
+                c_p=float(closure.elastic_scatter_isotropic),
+                c_i=float(closure.irreversible_scatter) if self.effects.irreversible_spread else 0.0,
+                c_t=float(closure.tangential_force_ratio),
+                slip=float(closure.slip),
+                delay=float(closure.slip_delay),
+            )
+        scattered = closure.force_change == "fluctuating"
+        return MeanField(
+            self_consistent=closure.tangential_rule == "self_consistent",
+            entropy=entropy,
+            closed_form=self.integration.arc_integration == "closed_form",
+            scattered=scattered,
+            chi=float(closure.weak_contact_ratio) if scattered else 1.0,
+            c_w=float(closure.fluctuation) if scattered else 0.0,
+        )
 
     @cached_property
     def description(self) -> LawDescription:
@@ -340,27 +350,37 @@ class ContactLaw:
             raise ValueError(f"material_index must lie in 0 ... {len(self.materials) - 1}")
         status = np.zeros(npt, dtype=np.int8)
         counts = np.zeros((npt, 3), dtype=np.int32)
-        arguments = (
+        kind = TANGENT_NONE if tangent is None else _TANGENTS[tangent_kind]
+        call = Call(
             given,
-            np.zeros((1, 3), dtype=np.uint8) if control is None else control,
-            control is not None,
             stress_start,
             state_start,
             stress_end,
             state_end,
             np.zeros((0, 3)) if strain_increment is None else strain_increment,
             np.zeros((0, 3, 3)) if tangent is None else tangent,
-            TANGENT_NONE if tangent is None else _TANGENTS[tangent_kind],
             np.ascontiguousarray(material_index, dtype=np.int32),
             self._table,
             self._micro,
-            self._options,
-            self._numbers,
-            (self._tableau.a, self._tableau.b, self._tableau.error, self._tableau.error_order),
-            self._numerics,
-            self._rule,
             status,
             counts,
+        )
+        arguments = (
+            ONE_LANE if self.effects.sliding else LANES_OF_KERNELS,
+            call,
+            control,
+            self._kernel_closure,
+            self._options._replace(derivatives=kind == TANGENT_PROPAGATED),
+            Numerics(
+                float(self.integration.tolerance),
+                self.integration.substeps,
+                self.integration.maximum_substeps,
+                self._tableau.error_order,
+                kind,
+            ),
+            (self._tableau.a, self._tableau.b, self._tableau.error),
+            self._rule,
+            np.zeros(1, dtype=SLIDE) if self.effects.sliding else None,
         )
         run_in_threads(update_points, npt, arguments)
         factor = smallest_step_factor(status, counts, _COMFORTABLE_SUBSTEPS)

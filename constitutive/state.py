@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from granfabric.constitutive.lanes.load import (
+from .material_table import (
     M_A1,
     M_A1_REF,
     M_F,

@@ -1,295 +1,472 @@
 """Update of many points over an increment: an embedded Runge-Kutta pair over stress and micro-state together.
 
-Every lane of a workspace holds one point at its own pseudo-time with its own substep; a lane whose point has arrived
-takes the next one at once, so that points that need many substeps do not hold up the others. What is gained and lost,
-and the strain, are integrated with the same weights as the unknowns; z(end) = z(start) + gained - lost therefore
-holds to rounding. a_n, a_t and f follow from the end values: their closure [Pouragha & Wan 2017, eq. 7 and section
-3.3] is an exact differential.
+A block of lanes advances as many points at once, each at its own pseudo-time with its own substep; lanes whose points
+have arrived take the next ones, so that points that need many substeps do not hold up the others for long. The last
+stage of a substep is at its end, and its rates are the first ones of the next; those of the first substep come from the
+state as it is given. What is gained and lost, and the strain, are integrated with the same weights as the unknowns;
+z(end) = z(start) + gained - lost therefore holds to rounding.
+
+Kernels are compiled for what they are called with: a closure, with strain given or stress as well, with sliding or
+without, eight points at a time or one. Everything else is a number.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from granfabric.constitutive.compilation import compiled
+from granfabric.constitutive.compilation import compiled, formula
 from granfabric.constitutive.contract import Status
-from granfabric.constitutive.lanes.layout import (
-    ACCEPT,
-    CROSSED,
-    EVALUATIONS,
-    FEEDBACK,
-    FORCE_CHANGE,
-    GAIN,
-    KERNEL_OPTIONS,
-    LANES,
-    LOSS,
-    MEASURE,
-    PLANNED_STEP,
-    REFERENCE_A1,
-    REFERENCE_A2,
-    REFERENCE_Z,
-    SHIFTED_DISTRIBUTION,
-    SIZE,
-    SLIDING,
-    SLOT_SCALE,
-    START_P,
-    STEP,
-    SUMS,
-    TY,
-    UNKNOWNS,
-    WHOLE_STEP,
-    WORST,
-    X1,
-    X2,
-    L,
-    Y,
+from granfabric.constitutive.lanes.eight import choose, read, write
+from granfabric.constitutive.material_table import M_A1, M_A2, M_GAMMA, M_KAPPA, M_Z, MICRO
+from granfabric.constitutive.network.closures import network_at, remember, split, unknowns
+from granfabric.constitutive.network.point import (
+    IN_CONTROL,
+    IN_GIVEN,
+    IN_STRESS,
+    fill_idle,
+    load,
+    put_stiffness_of,
+    reference_of,
+    take_point,
 )
-from granfabric.constitutive.lanes.load import M_A1, M_A2, M_Z, MICRO, load_idle, load_point, stiffness_of
-from granfabric.constitutive.lanes.runge_kutta import APEX_FRACTION, FAILED_STAGE_FACTOR, SMALLEST_SUBSTEP
-from granfabric.constitutive.network.shifted_distribution import workspace
-from granfabric.constitutive.network.weak_force_stage import raise_spread
-from granfabric.constitutive.sliding.cone_return import finish_sliding, plastic_tangent
-from granfabric.constitutive.sliding.crossing import TAKEN_BACK, judge_substep
-from granfabric.constitutive.sliding.plastic_advance import accept_plastic, estimate_plastic_error
-from granfabric.constitutive.sliding.start import forget_crossing, load_sliding
+from granfabric.constitutive.sliding.cone import plastic_shear_strain
+from granfabric.constitutive.sliding.cone_return import plastic_tangent
+from granfabric.constitutive.sliding.crossing import TAKEN_BACK, forget_crossing, judge_substep
+from granfabric.constitutive.sliding.slide import SLIDE
+from granfabric.constitutive.sliding.start import load_sliding
+from granfabric.constitutive.sliding.substep import accept_sliding
+from granfabric.constitutive.stiffness import components, strain_invariants
 
-from .end_values import finish_point, finish_weak_forces, network_at_end
+from .attempt import Flow, attempt_substep, new_block
+from .end_values import end_values
 from .implicit_stage import ROUNDING, SHARE_OF_TOLERANCE
-from .substep import accept_substep, attempt_substep, estimate_error, step_factor
+from .runge_kutta import APEX_FRACTION, FAILED_STAGE_FACTOR, SMALLEST_SUBSTEP
+from .stage import ADVANCED, COLUMNS, GAINED, RATES, UNKNOWNS
+from .substep import estimate_error, step_factor, summed
 
 OK = int(Status.OK)
 LIMITED = int(Status.LIMITED)
 NO_PRESSURE = int(Status.NO_PRESSURE)
 TOO_MANY_SUBSTEPS = int(Status.TOO_MANY_SUBSTEPS)
-NOT_FINITE = int(Status.NOT_FINITE)
 NOT_CONVERGED = int(Status.NOT_CONVERGED)
 
 TANGENT_NONE, TANGENT_PROPAGATED, TANGENT_CONTINUUM, TANGENT_ELASTIC = range(4)
 
 
-@compiled()
-def _keep_start(point, mixed, stress_start, state_start, stress_end, state_end, strain_increment):
+class Call(NamedTuple):
+    """Arrays of one call; see `law.ContactLaw`."""
+
+    given: np.ndarray
+    """Increments of strain, or of stress where `control` says so; (npt, 3)."""
+    stress_start: np.ndarray
+    state_start: np.ndarray
+    stress_end: np.ndarray
+    state_end: np.ndarray
+    strain_increment: np.ndarray
+    """Written where stress may be given; else (0, 3)."""
+    tangent: np.ndarray
+    """(npt, 3, 3), or (0, 3, 3) if none is wanted."""
+    material_index: np.ndarray
+    table: np.ndarray
+    micro_of_column: np.ndarray
+    status: np.ndarray
+    counts: np.ndarray
+    """Accepted and rejected substeps, evaluations of the rates; (npt, 3)."""
+
+
+class Numerics(NamedTuple):
+    """How a point is integrated."""
+
+    tolerance: float
+    substeps: int
+    """Fixed number of substeps; 0 for error control."""
+    most: int
+    """Most substeps."""
+    error_order: int
+    tangent_kind: int
+
+
+@formula
+def keep_start(call, point):
     """End values of a point at rest or refused: its start values."""
     for i in range(3):
-        stress_end[point, i] = stress_start[point, i]
-        if mixed:
-            strain_increment[point, i] = 0.0
-    for i in range(state_start.shape[1]):
-        state_end[point, i] = state_start[point, i]
+        call.stress_end[point, i] = call.stress_start[point, i]
+        if call.strain_increment.shape[0] > 0:
+            call.strain_increment[point, i] = 0.0
+    for i in range(call.state_start.shape[1]):
+        call.state_end[point, i] = call.state_start[point, i]
 
 
-@compiled(nogil=True, **KERNEL_OPTIONS)
-def update_points(
-    first,
-    end,
-    given,
-    control,
-    mixed,
-    stress_start,
-    state_start,
-    stress_end,
-    state_end,
-    strain_increment,
-    tangent,
-    tangent_kind,
-    material_index,
-    table,
-    micro_of_column,
-    options,
-    numbers,
-    tableau,
-    numerics,
-    rule,
-    status,
-    counts,
-):
-    """Advance the points from `first` up to, not including, `end`; see `law.ContactLaw` for the arrays.
+@formula
+def stressed_components(control, inputs, lanes):
+    """Which components of the increment are stresses, in every lane; None if none can be."""
+    if control is None:
+        return None
+    return (
+        read(inputs, IN_CONTROL, lanes) > 0.5,
+        read(inputs, IN_CONTROL + 1, lanes) > 0.5,
+        read(inputs, IN_CONTROL + 2, lanes) > 0.5,
+    )
 
-    `control` is (npt, 3) if `mixed`, else (1, 3); `strain_increment` is written if `mixed`; `tangent` according to
-    `tangent_kind`; `status` (npt,) and `counts` (npt, 3: accepted and rejected substeps, evaluations) are written.
-    `tableau` holds a, b, error, error order; `numerics` the tolerance, the number of fixed substeps, the most substeps.
+
+@formula
+def increment_of(control, inputs, lanes):
+    """The increment as the stage takes it: strain v, e_1, e_2, or, where stress may be given, as it is."""
+    given = read(inputs, IN_GIVEN, lanes), read(inputs, IN_GIVEN + 1, lanes), read(inputs, IN_GIVEN + 2, lanes)
+    if control is None:
+        return strain_invariants(given[0], given[1], given[2])
+    return given
+
+
+@formula
+def take_next(call, block, lane, point, control, options, tangent_kind, slide):
+    """Take a point into a lane; its status, and whether there is anything to advance."""
+    inputs, par = block.inputs, call.table[call.material_index[point]]
+    outcome = take_point(
+        inputs, lane, point, call.given, call.stress_start, call.state_start, par, call.micro_of_column
+    )
+    if control is not None:
+        for i in range(3):
+            inputs[IN_CONTROL + i, lane] = float(control[point, i])
+    if slide is not None:
+        if outcome <= LIMITED:
+            stress = (inputs[IN_STRESS, 0], inputs[IN_STRESS + 1, 0], inputs[IN_STRESS + 2, 0])
+            given = (inputs[IN_GIVEN, 0], inputs[IN_GIVEN + 1, 0], inputs[IN_GIVEN + 2, 0])
+            stressed = stressed_components(control, inputs, (0,))
+            outcome = load_sliding(slide, inputs[M_KAPPA, 0], stress, par, given, stressed)
+    if tangent_kind != TANGENT_NONE:
+        if outcome == OK or outcome == NO_PRESSURE:
+            z, a1, a2 = reference_of(inputs, lane, options.feedback)
+            put_stiffness_of(par, z, a1, a2, options.isostatic, call.tangent[point])
+        else:
+            for i in range(3):
+                for j in range(3):
+                    call.tangent[point, i, j] = 0.0
+    call.status[point] = outcome
+    at_rest = call.given[point, 0] == 0.0 and call.given[point, 1] == 0.0 and call.given[point, 2] == 0.0
+    if at_rest or outcome > LIMITED:
+        keep_start(call, point)
+        return False
+    return True
+
+
+@formula
+def put_ends(call, block, lane, point, control):
+    """Write the end values of a lane."""
+    for i in range(3):
+        call.stress_end[point, i] = block.ends[MICRO + i, lane]
+        if control is not None:
+            given = block.inputs[IN_CONTROL + i, lane] < 0.5
+            call.strain_increment[point, i] = call.given[point, i] if given else block.sums[6 + i, lane]
+    for i in range(call.state_start.shape[1]):
+        call.state_end[point, i] = block.ends[call.micro_of_column[i], lane]
+
+
+@formula
+def put_propagated_tangent(y, lane, out):
+    """The derivatives of p, t by v, e_1, e_2 as those of stress by strain, xx, yy, engineering xy."""
+    for column in range(COLUMNS):
+        row = UNKNOWNS * (1 + column)
+        p, t1, t2 = y[row, lane], y[row + 1, lane], y[row + 2, lane]
+        # both signs turn over; v = -(e_xx + e_yy), e_1 = e_yy - e_xx
+        xx, yy, xy = p + t1, p - t1, t2
+        if column == 0:
+            out[0, 0], out[1, 0], out[2, 0] = xx, yy, xy
+            out[0, 1], out[1, 1], out[2, 1] = xx, yy, xy
+        elif column == 1:
+            out[0, 0], out[1, 0], out[2, 0] = out[0, 0] + xx, out[1, 0] + yy, out[2, 0] + xy
+            out[0, 1], out[1, 1], out[2, 1] = out[0, 1] - xx, out[1, 1] - yy, out[2, 1] - xy
+        else:
+            out[0, 2], out[1, 2], out[2, 2] = xx, yy, xy
+
+
+@formula
+def split_changes(first, end, call, block, closure, options, rule, lanes):
+    """What was gained and what was lost, where the closure's rates do not tell."""
+    width = len(lanes)
+    for start in range(first, end, width):
+        for lane in range(width):
+            point = min(start + lane, end - 1)
+            par = call.table[call.material_index[point]]
+            take_point(
+                block.inputs, lane, point, call.given, call.stress_start, call.state_start, par,
+                call.micro_of_column,
+            )
+            for i in range(call.state_end.shape[1]):
+                block.ends[call.micro_of_column[i], lane] = call.state_end[point, i]
+            for i in range(3):
+                block.ends[MICRO + i, lane] = call.stress_end[point, i]
+        if not split(closure, block.inputs, block.ends, options, rule, lanes):
+            return
+        for lane in range(min(width, end - start)):
+            point = start + lane
+            if call.status[point] <= LIMITED and call.counts[point, 0] > 0:
+                for i in range(call.state_end.shape[1]):
+                    call.state_end[point, i] = block.ends[call.micro_of_column[i], lane]
+
+
+@formula
+def put_continuum_tangent(call, block, lane, point, options, slide):
+    """The tangent of the rate equations at the end of an increment."""
+    z, a1, a2 = reference_of(block.inputs, lane, False)
+    if options.feedback:
+        z, a1, a2 = block.ends[M_Z, lane], block.ends[M_A1, lane], block.ends[M_A2, lane]
+    put_stiffness_of(call.table[call.material_index[point]], z, a1, a2, options.isostatic, call.tangent[point])
+    if slide is not None:
+        plastic_tangent((block.y[0, 0], block.y[1, 0], block.y[2, 0]), slide, call.tangent[point])
+
+
+@formula
+def begin(block, stress, unknown, fresh, lanes):
+    """Start values of the lanes that have just taken a point."""
+    for row in range(3):
+        write(block.y, row, choose(fresh, stress[row], read(block.y, row, lanes)), lanes)
+        write(block.y, 3 + row, choose(fresh, unknown[row], read(block.y, 3 + row, lanes)), lanes)
+    for row in range(UNKNOWNS, ADVANCED):
+        write(block.y, row, choose(fresh, 0.0, read(block.y, row, lanes)), lanes)
+    for row in range(9):
+        write(block.sums, row, choose(fresh, 0.0, read(block.sums, row, lanes)), lanes)
+
+
+@formula
+def plan(block, lane, point, call, numerics, slide):
+    """Cut a lane's substep to what is left of the increment; whether it is the last one."""
+    remaining = 1.0 - block.time[0, lane]
+    fixed = numerics.substeps > 0
+    # with sliding, crossings of the cone split the fixed substeps
+    if fixed and slide is None:
+        last = call.counts[point, 0] == numerics.substeps - 1
+    else:
+        last = block.step[0, lane] >= remaining * (1.0 - 1e-12)
+    if last and not fixed:
+        block.step[0, lane] = remaining
+    if slide is not None:
+        if slide["planned_step"] == 0.0:
+            slide["planned_step"] = block.step[0, 0]
+    return last
+
+
+@formula
+def judge(block, lane, point, last, call, given, options, numerics, slide):
+    """Accept a lane's substep, or shorten it, or give up."""
+    counts, worst = call.counts[point], block.worst[0, lane]
+    fixed = numerics.substeps > 0
+    counts[2] += int(block.evaluations[0, lane])
+    failed = worst > LIMITED
+    if not failed and (fixed or block.measure[0, lane] <= 1.0):
+        if slide is not None:
+            verdict, length = judge_substep(
+                block.step[0, 0], block.y, block.trial, given, slide, options.derivatives and not last
+            )
+            if verdict == TAKEN_BACK:
+                block.step[0, 0] = length
+                counts[1] += 1
+                if counts[0] + counts[1] >= numerics.most:
+                    call.status[point] = TOO_MANY_SUBSTEPS
+                return
+        block.accepted[0, lane] = 1.0
+        call.status[point] = max(call.status[point], int(worst))
+        counts[0] += 1
+        return
+    counts[1] += 1
+    if slide is not None:
+        forget_crossing(slide)
+    factor = FAILED_STAGE_FACTOR
+    if not failed:
+        factor = step_factor(block.measure[0, lane], numerics.error_order)
+    block.step[0, lane] *= factor
+    shortest = block.step[0, lane] < SMALLEST_SUBSTEP
+    if fixed or shortest or counts[0] + counts[1] >= numerics.most:
+        call.status[point] = TOO_MANY_SUBSTEPS
+        if failed:
+            call.status[point] = int(worst)
+        lost = -0.5 * (block.inputs[IN_STRESS, lane] + block.inputs[IN_STRESS + 1, lane])
+        if not fixed and shortest and block.y[0, lane] < APEX_FRACTION * lost:
+            call.status[point] = NO_PRESSURE
+
+
+@formula
+def go_on(block, lane, point, last, call, numerics, slide):
+    """Length of the next substep after an accepted one, if that was not the last."""
+    counts, length = call.counts[point], block.step[0, lane]
+    if not last:
+        if counts[0] + counts[1] >= numerics.most:
+            call.status[point] = TOO_MANY_SUBSTEPS
+        elif numerics.substeps == 0:
+            block.step[0, lane] = length * step_factor(block.measure[0, lane], numerics.error_order)
+    if slide is not None:
+        if not last and numerics.substeps > 0:
+            planned, time = numerics.substeps, block.time[0, 0]
+            block.step[0, 0] = (math.floor(time * planned + 1e-9) + 1.0) / planned - time
+        elif not last and slide["crossed"]:
+            block.step[0, 0] = max(slide["whole_step"] - length, SMALLEST_SUBSTEP)
+        slide["planned_step"] = 0.0
+        if slide["crossed"]:
+            forget_crossing(slide)
+
+
+@formula
+def accept(block, flow, here, network, next_flow, closure, options, b, stressed, slide, lanes):
+    """Move the accepted lanes to the end of their substep."""
+    accepted = read(block.accepted, 0, lanes) > 0.5
+    step = choose(accepted, read(block.step, 0, lanes), 0.0)
+    rows = ADVANCED if options.derivatives else UNKNOWNS
+    for row in range(rows):
+        write(block.y, row, choose(accepted, read(block.trial, row, lanes), read(block.y, row, lanes)), lanes)
+    parts = 2
+    if stressed is not None:
+        parts = 3
+    for part in range(parts):
+        more = summed(block.k, GAINED + 3 * part, step, b, lanes)
+        for i in range(3):
+            row = 3 * part + i
+            total = read(block.sums, row, lanes)
+            write(block.sums, row, choose(accepted, total + more[i], total), lanes)
+    if slide is None:
+        last = (b.shape[0] - 1) * RATES
+        for row in range(RATES):
+            write(block.k, row, choose(accepted, read(block.k, last + row, lanes), read(block.k, row, lanes)), lanes)
+    elif block.accepted[0, 0] > 0.5:
+        accept_sliding(slide, block.step[0, 0], b)
+        if slide["slides"]:
+            for i in range(3):
+                block.sums[6 + i, 0] += slide["correction"][i]
+    largest = remember(closure, block.y, accepted, flow.largest, options.derivatives, options.rotation, lanes)
+    kept = choose(accepted, next_flow, flow)
+    here = choose(accepted, network, here)
+    return Flow(largest, kept.guess1, kept.guess2, kept.drift1, kept.drift2), here
+
+
+@formula
+def finish(block, point, flow, here, control, closure, options, slide, rule, lanes):
+    """End values of all lanes into `block.ends`; what has been given as stress is met exactly."""
+    p, t1, t2 = read(block.y, 0, lanes), read(block.y, 1, lanes), read(block.y, 2, lanes)
+    xx, yy, xy = components(p, t1, t2)
+    if control is not None:
+        stressed, given = stressed_components(control, block.inputs, lanes), increment_of(control, block.inputs, lanes)
+        xx = choose(stressed[0], read(block.inputs, IN_STRESS, lanes) + given[0], xx)
+        yy = choose(stressed[1], read(block.inputs, IN_STRESS + 1, lanes) + given[1], yy)
+        xy = choose(stressed[2], read(block.inputs, IN_STRESS + 2, lanes) + given[2], xy)
+    solved = True
+    if slide is not None:
+        # the return to the cone has moved the stress since the last stage
+        p, t1, t2 = -0.5 * (xx + yy), -0.5 * (xx - yy), -xy
+        inverse, turns = 1.0 / p, 1.0 if options.rotation else 0.0
+        stress = (p, inverse, t1 * inverse, turns * t2 * inverse, flow.largest)
+        unknown = (read(block.y, 3, lanes), read(block.y, 4, lanes), read(block.y, 5, lanes))
+        guess = (flow.guess1, flow.guess2)
+        solved, here, _ = network_at(closure, point, stress, unknown, guess, False, here, rule)
+    end_values(
+        closure, block.inputs, block.ends, point, (xx, yy, xy), here, block.y, block.sums, flow.largest,
+        options.rotation, lanes,
+    )
+    if slide is not None:
+        block.ends[M_KAPPA, 0] = slide["kappa"]
+        block.ends[M_GAMMA, 0] = plastic_shear_strain(slide["kappa"], slide["reference"], slide["exponent"])
+        block.ends[M_GAMMA + 1, 0] += slide["volume"]
+        block.ends[M_GAMMA + 2, 0] += slide["work"]
+    return solved
+
+
+@compiled(nogil=True, fastmath={"contract"})
+def update_points(first, end, lanes, call, control, closure, options, numerics, scheme, rule, sliding):
+    """Advance the points from `first` up to, not including, `end`.
+
     Runs without the interpreter's lock, so that threads can share a batch; a point's result does not depend on how.
+
+    Parameters
+    ----------
+    first, end : int
+    lanes : tuple
+        `eight.LANES`, or `eight.ONE_LANE`, which sliding needs: its branches are those of one point.
+    call : Call
+    control : ndarray of uint8, shape (npt, 3), or None
+        1 where the increment is one of stress; None if it is nowhere.
+    closure : named tuple
+        See `network.closures`.
+    options : Options
+    numerics : Numerics
+    scheme : tuple of ndarray
+        a, b and error weights of the Runge-Kutta pair.
+    rule : tuple of ndarray
+        Gauss-Legendre nodes and weights; cosines and sines of the circle, cosines of half of it.
+    sliding : ndarray of `slide.SLIDE`, shape (1,), or None
+        Only its type counts.
     """
-    b, error, error_order = tableau[1], tableau[2], tableau[3]
-    derivatives = tangent_kind == TANGENT_PROPAGATED
-    tolerance, planned, most = numerics[0], int(numerics[1]), int(numerics[2])
-    fixed = planned > 0
-    stage_tolerance = ROUNDING if fixed else max(ROUNDING, SHARE_OF_TOLERANCE * tolerance)
-    network = options[LOSS] != 0 or options[GAIN] != 0
-    shifted = network and options[FORCE_CHANGE] == SHIFTED_DISTRIBUTION
-    sliding = options[SLIDING] != 0
-    fabric, resolved = workspace()
-    w = np.zeros(SIZE)
-    micro = np.zeros(MICRO)
-    solver = np.zeros((3, 4))
-    lane_control = np.zeros((LANES, 3), dtype=np.uint8)
-    point_of = np.full(LANES, -1, dtype=np.int64)
-    time = np.zeros(LANES)
-    last = np.zeros(LANES, dtype=np.bool_)
-    following = first
-    for lane in range(LANES):
-        load_idle(w, lane)
-    while True:
-        active = 0
-        for lane in range(LANES):
-            while point_of[lane] < 0 and following < end:
-                point = following
-                following += 1
-                par = table[material_index[point]]
-                outcome = load_point(
-                    w, lane, point, given, stress_start, state_start, par, micro_of_column, options, numbers
-                )
-                if sliding and outcome <= LIMITED:
-                    outcome = load_sliding(
-                        w, lane, point, state_start, par, micro_of_column, control[point if mixed else 0], mixed
-                    )
-                if tangent_kind != TANGENT_NONE:
-                    stiffness_of(w, lane, outcome in (OK, NO_PRESSURE), tangent[point])
-                at_rest = given[point, 0] == 0.0 and given[point, 1] == 0.0 and given[point, 2] == 0.0
-                if at_rest or outcome > LIMITED:
-                    status[point] = outcome
-                    _keep_start(point, mixed, stress_start, state_start, stress_end, state_end, strain_increment)
-                    if following >= end:
-                        load_idle(w, lane)
-                    continue
-                point_of[lane] = point
-                time[lane] = 0.0
-                w[STEP + lane] = 1.0 / planned if fixed else 1.0
-                status[point] = OK
-                if mixed:
-                    for i in range(3):
-                        lane_control[lane, i] = control[point, i]
+    a, b, error = scheme
+    width, kind = len(lanes), numerics.tangent_kind
+    block = new_block(width)
+    slides = None if sliding is None else sliding.copy()
+    slide = None if sliding is None else slides[0]
+    point_of, last = np.full(width, -1), np.zeros(width, dtype=np.bool_)
+    fill_idle(block.inputs)
+    tolerance = ROUNDING
+    if numerics.substeps == 0:
+        tolerance = max(ROUNDING, SHARE_OF_TOLERANCE * numerics.tolerance)
+    point, micro, here, stress, largest = load(block.inputs, options, lanes)
+    zero = 0.0 * largest
+    flow = Flow(largest, zero, zero, zero, zero)
+    following, active = first, 0
+    while following < end or active > 0:
+        if following < end and 2 * active <= width:
+            # lanes without a point take the next ones, once they are half of all
+            for lane in range(width):
+                while point_of[lane] < 0 and following < end:
+                    if take_next(call, block, lane, following, control, options, kind, slide):
+                        point_of[lane] = following
+                        active += 1
+                        block.fresh[0, lane], block.time[0, lane] = 1.0, 0.0
+                        block.step[0, lane] = 1.0 / max(numerics.substeps, 1)
+                    following += 1
+            point, micro, start, stress, largest = load(block.inputs, options, lanes)
+            fresh = read(block.fresh, 0, lanes) > 0.5
+            here = choose(fresh, start, here)
+            flow = choose(fresh, Flow(largest, zero, zero, zero, zero), flow)
+            begin(block, stress, unknowns(closure, point, stress, micro), fresh, lanes)
+            if active == 0:
+                break
+        for lane in range(width):
             if point_of[lane] >= 0:
-                active += 1
-                remaining = 1.0 - time[lane]
-                if fixed and sliding:
-                    # crossings of the cone split the fixed substeps
-                    last[lane] = w[STEP + lane] >= remaining * (1.0 - 1e-12)
-                elif fixed:
-                    last[lane] = counts[point_of[lane], 0] == planned - 1
-                else:
-                    last[lane] = w[STEP + lane] >= remaining * (1.0 - 1e-12)
-                    if last[lane]:
-                        w[STEP + lane] = remaining
-                if sliding and w[PLANNED_STEP + lane] == 0.0:
-                    w[PLANNED_STEP + lane] = w[STEP + lane]
-        if active == 0:
-            break
-        attempt_substep(w, lane_control, mixed, options, numbers, derivatives, tableau, stage_tolerance, rule, solver)
-        estimate_error(w, error, tolerance, shifted, mixed, sliding)
-        if sliding:
-            estimate_plastic_error(w, error, tolerance)
-        for lane in range(LANES):
-            point = point_of[lane]
-            w[ACCEPT + lane] = 0.0
-            if point < 0:
+                last[lane] = plan(block, lane, point_of[lane], call, numerics, slide)
+        stressed, given = stressed_components(control, block.inputs, lanes), increment_of(control, block.inputs, lanes)
+        network, stiffness, next_flow = attempt_substep(
+            block, (a, b), tolerance, point, given, stressed, flow, here, closure, options, slide, rule, lanes
+        )
+        estimate_error(block, closure, error, numerics.tolerance, here.z, stiffness, stressed, point.floor, slide, lanes)
+        arrived = False
+        for lane in range(width):
+            block.fresh[0, lane], block.accepted[0, lane] = 0.0, 0.0
+            if point_of[lane] >= 0:
+                judge(block, lane, point_of[lane], last[lane], call, given, options, numerics, slide)
+                arrived = arrived or (last[lane] and block.accepted[0, lane] > 0.5)
+        flow, here = accept(block, flow, here, network, next_flow, closure, options, b, stressed, slide, lanes)
+        solved = True
+        if arrived:
+            solved = finish(block, point, flow, here, control, closure, options, slide, rule, lanes)
+        for lane in range(width):
+            number = point_of[lane]
+            if number < 0:
                 continue
-            counts[point, 2] += int(w[EVALUATIONS + lane])
-            failed = w[WORST + lane] > LIMITED
-            if not failed and (fixed or w[MEASURE + lane] <= 1.0):
-                if sliding and judge_substep(w, lane, derivatives and not last[lane]) == TAKEN_BACK:
-                    counts[point, 1] += 1
-                    if counts[point, 0] + counts[point, 1] >= most:
-                        status[point] = TOO_MANY_SUBSTEPS
-                    continue
-                w[ACCEPT + lane] = 1.0
-                status[point] = max(status[point], int(w[WORST + lane]))
-                counts[point, 0] += 1
-                continue
-            counts[point, 1] += 1
-            if sliding:
-                forget_crossing(w, lane)
-            if failed and not shifted:
-                # what an attempt without solution left is no start, and depends on how long other lanes took
-                w[X1 + lane], w[X2 + lane] = 0.0, 0.0
-            w[STEP + lane] *= FAILED_STAGE_FACTOR if failed else step_factor(w[MEASURE + lane], error_order)
-            if fixed or w[STEP + lane] < SMALLEST_SUBSTEP or counts[point, 0] + counts[point, 1] >= most:
-                status[point] = int(w[WORST + lane]) if failed else TOO_MANY_SUBSTEPS
-                p = -0.5 * (w[Y + lane] + w[Y + L + lane])
-                if not fixed and w[STEP + lane] < SMALLEST_SUBSTEP and p < APEX_FRACTION * w[START_P + lane]:
-                    status[point] = NO_PRESSURE
-        accept_substep(w, b, derivatives)
-        if sliding:
-            accept_plastic(w, b)
-        for lane in range(LANES):
-            point = point_of[lane]
-            if point < 0:
-                continue
-            if w[ACCEPT + lane] > 0.0:
-                time[lane] += w[STEP + lane]
-                w[SLOT_SCALE + lane] = 1.0 if shifted else w[Y + 3 * L + lane]
-                if shifted:
-                    raise_spread(w, lane, options, numbers, derivatives)
-                crossed = sliding and w[CROSSED + lane] > 0.0
-                if sliding:
-                    w[PLANNED_STEP + lane] = 0.0
-                if crossed:
-                    forget_crossing(w, lane)
-                if not last[lane]:
-                    if counts[point, 0] + counts[point, 1] >= most:
-                        status[point] = TOO_MANY_SUBSTEPS
-                    elif sliding and fixed:
-                        w[STEP + lane] = (math.floor(time[lane] * planned + 1e-9) + 1.0) / planned - time[lane]
-                    elif crossed:
-                        w[STEP + lane] = max(w[WHOLE_STEP + lane] - w[STEP + lane], SMALLEST_SUBSTEP)
-                    elif not fixed:
-                        w[STEP + lane] *= step_factor(w[MEASURE + lane], error_order)
-            elif status[point] <= LIMITED:
-                continue
-            if status[point] > LIMITED:
-                _keep_start(point, mixed, stress_start, state_start, stress_end, state_end, strain_increment)
-            elif last[lane]:
-                if shifted and not network_at_end(
-                    w, lane, mixed, lane_control[lane], options, stress_start, point, numbers, rule, fabric, resolved
-                ):
-                    status[point] = NOT_CONVERGED
-                    _keep_start(point, mixed, stress_start, state_start, stress_end, state_end, strain_increment)
-                    point_of[lane] = -1
-                    if following >= end:
-                        load_idle(w, lane)
-                    continue
-                finish_point(
-                    w,
-                    lane,
-                    point,
-                    mixed,
-                    lane_control[lane],
-                    options,
-                    stress_start,
-                    state_start,
-                    micro_of_column,
-                    micro,
-                )
-                if shifted:
-                    finish_weak_forces(
-                        w, lane, options, numbers, rule, fabric, resolved, state_start, point, micro_of_column, micro
-                    )
-                if sliding:
-                    finish_sliding(w, lane, micro)
-                for i in range(3):
-                    stress_end[point, i] = w[Y + i * L + lane]
-                    if mixed:
-                        strain_increment[point, i] = (
-                            given[point, i] if lane_control[lane, i] == 0 else w[SUMS + (6 + i) * L + lane]
-                        )
-                for i in range(state_start.shape[1]):
-                    state_end[point, i] = micro[micro_of_column[i]]
-                if derivatives:
-                    for j in range(3):
-                        for i in range(3):
-                            tangent[point, i, j] = w[TY + (j * UNKNOWNS + i) * L + lane]
-                elif tangent_kind == TANGENT_CONTINUUM:
-                    if options[FEEDBACK] != 0:
-                        w[REFERENCE_Z + lane], w[REFERENCE_A1 + lane] = micro[M_Z], micro[M_A1]
-                        w[REFERENCE_A2 + lane] = micro[M_A2]
-                    stiffness_of(w, lane, True, tangent[point])
-                    if sliding:
-                        plastic_tangent(w, lane, tangent[point])
+            accepted = block.accepted[0, lane] > 0.5
+            if accepted:
+                block.time[0, lane] += block.step[0, lane]
+                go_on(block, lane, number, last[lane], call, numerics, slide)
+                if last[lane] and not solved:
+                    call.status[number] = NOT_CONVERGED
+            if call.status[number] > LIMITED:
+                keep_start(call, number)
+            elif accepted and last[lane]:
+                put_ends(call, block, lane, number, control)
+                if kind == TANGENT_PROPAGATED:
+                    put_propagated_tangent(block.y, lane, call.tangent[number])
+                elif kind == TANGENT_CONTINUUM:
+                    put_continuum_tangent(call, block, lane, number, options, slide)
             else:
                 continue
             point_of[lane] = -1
-            if following >= end:
-                load_idle(w, lane)
+            active -= 1
+    split_changes(first, end, call, block, closure, options, rule, lanes)
 
 
 @compiled()

@@ -28,7 +28,7 @@ M is a one-to-one function of kappa, so that on the cone kappa can be had from t
 ``kappa = gamma_r (M - M_first)/(M_peak - M)``.
 """
 
-from granfabric.constitutive.compilation import compiled
+from granfabric.constitutive.compilation import formula
 
 CONE_TOLERANCE = 1e-12
 """Distance q - M (p + c) over p + c that counts as on the cone."""
@@ -38,7 +38,7 @@ AXIS_TOLERANCE = 1e-9
 """q/(p + c) below which a cone that has not yet opened is taken for its axis, where the flow has no direction yet."""
 
 
-@compiled()
+@formula
 def strength(kappa, first, peak, reference):
     """M and its first and second derivative by kappa."""
     # a Runge-Kutta stage may look back beyond zero
@@ -48,7 +48,7 @@ def strength(kappa, first, peak, reference):
     return peak - share * reference, by_kappa, -2.0 * by_kappa / denominator
 
 
-@compiled()
+@formula
 def hardening_strain_at(ratio, first, peak, reference):
     """kappa at which the strength is `ratio`; 0 below the first yield, infinite at the peak and beyond."""
     if ratio <= first:
@@ -58,7 +58,7 @@ def hardening_strain_at(ratio, first, peak, reference):
     return reference * (ratio - first) / (peak - ratio)
 
 
-@compiled()
+@formula
 def plastic_share(kappa, reference, exponent):
     """W = dgamma_p/dkappa and its derivative by kappa."""
     if exponent == 1.0:
@@ -71,19 +71,13 @@ def plastic_share(kappa, reference, exponent):
     return below * h * (exponent - (exponent - 1.0) * h), by_h * reference / (reference + kappa) ** 2
 
 
-@compiled()
+@formula
 def plastic_shear_strain(kappa, reference, exponent):
     """gamma_p of a hardening strain."""
     return kappa * (kappa / (reference + kappa)) ** (exponent - 1.0)
 
 
-@compiled()
-def deviator_of(xx, yy, xy):
-    """p and the deviator (t_1, t_2), compression positive, of a tension-positive stress or stress rate."""
-    return -0.5 * (xx + yy), -0.5 * (xx - yy), -xy
-
-
-@compiled()
+@formula
 def dissipated(gamma_rate, m, cohesion, p, expansion):
     """Rate of plastic work [Pa]; `expansion` is dv_p/dgamma_p, compression positive."""
     return gamma_rate * (m * cohesion + p * (m + expansion))

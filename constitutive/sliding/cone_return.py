@@ -1,4 +1,4 @@
-"""The end of a substep that slides: back onto the cone, end values, tangent of the rate equations.
+"""The end of a substep that slides: back onto the cone, and the tangent of the rate equations.
 
 A Runge-Kutta step leaves the cone by its truncation error, which would add up over many increments. Under strain
 control the deviator is scaled to the cone at the p and kappa reached; where stresses are given, a consistent change
@@ -8,172 +8,123 @@ as small as the error that the step has anyway, and the derivatives are carried 
 
 import math
 
-from granfabric.constitutive.compilation import compiled
+from granfabric.constitutive.compilation import formula
 from granfabric.constitutive.contract import Status
-from granfabric.constitutive.lanes.layout import (
-    COHESION,
-    COLUMNS,
-    DILATANCY,
-    EXPONENT,
-    GAMMA_R,
-    KAPPA,
-    LANES,
-    M_CV,
-    M_FIRST,
-    M_PEAK,
-    PLASTIC_ADVANCED,
-    PLASTIC_SUMS,
-    SLIDES,
-    STRAIN_CORRECTION,
-    TRIAL,
-    TRIAL_KAPPA,
-    TRIAL_TY,
-    UNKNOWNS,
-    WORST,
-    L,
-    Y,
-)
-from granfabric.constitutive.lanes.load import M_GAMMA, M_KAPPA
 
-from .cone import deviator_of, hardening_strain_at, plastic_share, plastic_shear_strain, strength
-from .stage import relief
+from .cone import hardening_strain_at, plastic_share, strength
+from .flow import relieved
 
 _LIMITED = float(Status.LIMITED)
 _BEYOND_PEAK = float(Status.BEYOND_PEAK)
 _CORRECTIONS = 25
 _ROUNDING = 1e-15
+_UNKNOWNS = 6
 
 
-@compiled()
-def return_to_cone(w, control, mixed, solver, derivatives):
-    """Bring the ends of sliding substeps onto the cone: rows TRIAL and TRIAL_KAPPA, with derivatives."""
-    for lane in range(LANES):
-        if w[SLIDES + lane] == 0.0 or w[WORST + lane] > _LIMITED:
-            continue
-        if w[TRIAL_KAPPA + lane] < w[KAPPA + lane]:
-            # a pair with negative weights and a step too large for it: kappa never falls
-            for row in range(PLASTIC_ADVANCED if derivatives else 1):
-                w[TRIAL_KAPPA + row * L + lane] = w[KAPPA + row * L + lane]
-        p, t1, t2 = deviator_of(w[TRIAL + lane], w[TRIAL + L + lane], w[TRIAL + 2 * L + lane])
-        q, pc = math.sqrt(t1 * t1 + t2 * t2), p + w[COHESION + lane]
-        if not (q > 0.0 and pc > 0.0):
-            continue
-        if mixed:
-            _correct_kappa(w, lane, control[lane], solver)
-            continue
-        m, by_kappa, _ = strength(w[TRIAL_KAPPA + lane], w[M_FIRST + lane], w[M_PEAK + lane], w[GAMMA_R + lane])
-        n1, n2, target = t1 / q, t2 / q, m * pc
-        w[TRIAL + lane], w[TRIAL + L + lane] = -(p + target * n1), -(p - target * n1)
-        w[TRIAL + 2 * L + lane] = -target * n2
-        if derivatives:
-            for column in range(COLUMNS):
-                row = TRIAL_TY + column * UNKNOWNS * L + lane
-                dp, d1, d2 = deviator_of(w[row], w[row + L], w[row + 2 * L])
-                along = n1 * d1 + n2 * d2
-                growth = by_kappa * w[TRIAL_KAPPA + (1 + column) * L + lane] * pc + m * dp
-                d1 = target / q * (d1 - n1 * along) + n1 * growth
-                d2 = target / q * (d2 - n2 * along) + n2 * growth
-                w[row], w[row + L], w[row + 2 * L] = -(dp + d1), -(dp - d1), -d2
+@formula
+def return_to_cone(trial, stiffness, stressed, outcome, slide, derivatives):
+    """Bring the end of a sliding substep onto the cone: stress rows of `trial` and kappa, with derivatives.
+
+    Returns the status of the substep.
+    """
+    if not slide["slides"] or outcome > _LIMITED:
+        return outcome
+    if slide["trial_kappa"] < slide["kappa"]:
+        # a pair with negative weights and a step too large for it: kappa never falls
+        slide["trial_kappa"] = slide["kappa"]
+        for column in range(3):
+            slide["trial_kappa_by"][column] = slide["kappa_by"][column]
+    p, t1, t2 = trial[0, 0], trial[1, 0], trial[2, 0]
+    q, pc = math.sqrt(t1 * t1 + t2 * t2), p + slide["cohesion"]
+    if not (q > 0.0 and pc > 0.0):
+        return outcome
+    if stressed is not None:
+        return _correct_kappa(trial, stiffness, stressed, outcome, slide)
+    m, by_kappa, _ = strength(slide["trial_kappa"], slide["first"], slide["peak"], slide["reference"])
+    n1, n2, target = t1 / q, t2 / q, m * pc
+    trial[1, 0], trial[2, 0] = target * n1, target * n2
+    if derivatives:
+        for column in range(3):
+            row = _UNKNOWNS * (1 + column)
+            dp, d1, d2 = trial[row, 0], trial[row + 1, 0], trial[row + 2, 0]
+            along = n1 * d1 + n2 * d2
+            growth = by_kappa * slide["trial_kappa_by"][column] * pc + m * dp
+            trial[row + 1, 0] = target / q * (d1 - n1 * along) + n1 * growth
+            trial[row + 2, 0] = target / q * (d2 - n2 * along) + n2 * growth
+    return outcome
 
 
-@compiled()
-def _correct_kappa(w, lane, control, solver):
-    """Change kappa, and the stresses that are not controlled with it, until the stress is on the cone."""
-    first, peak, reference = w[M_FIRST + lane], w[M_PEAK + lane], w[GAMMA_R + lane]
-    if control[0] == 1 and control[1] == 1 and control[2] == 1:
-        p, t1, t2 = deviator_of(w[TRIAL + lane], w[TRIAL + L + lane], w[TRIAL + 2 * L + lane])
-        kappa = hardening_strain_at(math.sqrt(t1 * t1 + t2 * t2) / (p + w[COHESION + lane]), first, peak, reference)
+@formula
+def _correct_kappa(trial, stiffness, stressed, outcome, slide):
+    """Change kappa, and the stresses that are not given with it, until the stress is on the cone."""
+    first, peak, reference = slide["first"], slide["peak"], slide["reference"]
+    if stressed[0] and stressed[1] and stressed[2]:
+        p, t1, t2 = trial[0, 0], trial[1, 0], trial[2, 0]
+        q = math.sqrt(t1 * t1 + t2 * t2)
+        kappa = hardening_strain_at(q / (p + slide["cohesion"]), first, peak, reference)
         if not kappa < math.inf:
-            w[WORST + lane] = _BEYOND_PEAK
-            return
-        change = max(kappa, w[KAPPA + lane]) - w[TRIAL_KAPPA + lane]
-        n1, n2, m = _direction(w, lane)
-        expansion = w[DILATANCY + lane] * (w[M_CV + lane] - m)
-        _, _, _, xx, yy, xy = relief(w, lane, control, True, solver, expansion, n1, n2)
-        w[TRIAL_KAPPA + lane] += change
-        change *= plastic_share(w[TRIAL_KAPPA + lane], reference, w[EXPONENT + lane])[0]
-        w[STRAIN_CORRECTION + lane] = change * xx
-        w[STRAIN_CORRECTION + L + lane] = change * yy
-        w[STRAIN_CORRECTION + 2 * L + lane] = change * xy
-        return
+            return _BEYOND_PEAK
+        change = max(kappa, slide["kappa"]) - slide["trial_kappa"]
+        m = strength(slide["trial_kappa"], first, peak, reference)[0]
+        expansion = slide["dilatancy"] * (slide["constant"] - m)
+        _, strain = relieved(stiffness, expansion, t1 / q, t2 / q, stressed)
+        slide["trial_kappa"] += change
+        change *= plastic_share(slide["trial_kappa"], reference, slide["exponent"])[0]
+        for i in range(3):
+            slide["correction"][i] = change * strain[i]
+        return outcome
     for _ in range(_CORRECTIONS):
-        p, t1, t2 = deviator_of(w[TRIAL + lane], w[TRIAL + L + lane], w[TRIAL + 2 * L + lane])
-        q, pc = math.sqrt(t1 * t1 + t2 * t2), p + w[COHESION + lane]
-        m, by_kappa, _ = strength(w[TRIAL_KAPPA + lane], first, peak, reference)
+        p, t1, t2 = trial[0, 0], trial[1, 0], trial[2, 0]
+        q, pc = math.sqrt(t1 * t1 + t2 * t2), p + slide["cohesion"]
+        m, by_kappa, _ = strength(slide["trial_kappa"], first, peak, reference)
         distance = q - m * pc
         if abs(distance) <= _ROUNDING * pc or not q > 0.0:
-            return
+            return outcome
         n1, n2 = t1 / q, t2 / q
-        expansion = w[DILATANCY + lane] * (w[M_CV + lane] - m)
-        p_r, t1_r, t2_r, xx, yy, xy = relief(w, lane, control, True, solver, expansion, n1, n2)
-        share, _ = plastic_share(w[TRIAL_KAPPA + lane], reference, w[EXPONENT + lane])
+        expansion = slide["dilatancy"] * (slide["constant"] - m)
+        (p_r, t1_r, t2_r), strain = relieved(stiffness, expansion, n1, n2, stressed)
+        share, _ = plastic_share(slide["trial_kappa"], reference, slide["exponent"])
         resistance = share * (n1 * t1_r + n2 * t2_r - m * p_r) + by_kappa * pc
         if not resistance > 0.0:
-            return
+            return outcome
         change = distance / resistance
-        w[TRIAL_KAPPA + lane] += change
+        slide["trial_kappa"] += change
         change *= share
-        w[TRIAL + lane] += change * (p_r + t1_r)
-        w[TRIAL + L + lane] += change * (p_r - t1_r)
-        w[TRIAL + 2 * L + lane] += change * t2_r
-        w[STRAIN_CORRECTION + lane] += change * xx
-        w[STRAIN_CORRECTION + L + lane] += change * yy
-        w[STRAIN_CORRECTION + 2 * L + lane] += change * xy
+        trial[0, 0] -= change * p_r
+        trial[1, 0] -= change * t1_r
+        trial[2, 0] -= change * t2_r
+        for i in range(3):
+            slide["correction"][i] += change * strain[i]
+    return outcome
 
 
-@compiled()
-def _direction(w, lane):
-    """Direction of the deviator at the end of the substep, and M there."""
-    _, t1, t2 = deviator_of(w[TRIAL + lane], w[TRIAL + L + lane], w[TRIAL + 2 * L + lane])
-    q = math.sqrt(t1 * t1 + t2 * t2)
-    m = strength(w[TRIAL_KAPPA + lane], w[M_FIRST + lane], w[M_PEAK + lane], w[GAMMA_R + lane])[0]
-    return t1 / q, t2 / q, m
+@formula
+def plastic_tangent(stress, slide, out):
+    """Turn the elastic stiffness `out`, shape (3, 3), of a point that slides into the tangent of its rate equations.
 
-
-@compiled()
-def finish_sliding(w, lane, micro):
-    """State columns of sliding; `micro` holds their start values."""
-    micro[M_KAPPA] = w[KAPPA + lane]
-    micro[M_GAMMA] = plastic_shear_strain(w[KAPPA + lane], w[GAMMA_R + lane], w[EXPONENT + lane])
-    micro[M_GAMMA + 1] += w[PLASTIC_SUMS + lane]
-    micro[M_GAMMA + 2] += w[PLASTIC_SUMS + L + lane]
-
-
-@compiled()
-def plastic_tangent(w, lane, out):
-    """Turn the elastic stiffness `out`, shape (3, 3), of a lane that slides into the tangent of its rate equations."""
-    p, t1, t2 = deviator_of(w[Y + lane], w[Y + L + lane], w[Y + 2 * L + lane])
-    q, pc = math.sqrt(t1 * t1 + t2 * t2), p + w[COHESION + lane]
-    if w[SLIDES + lane] == 0.0 or not q > 0.0:
+    `stress` is p, t_1, t_2; `out` is in the order xx, yy, engineering xy.
+    """
+    p, t1, t2 = stress
+    q, pc = math.sqrt(t1 * t1 + t2 * t2), p + slide["cohesion"]
+    if not slide["slides"] or not q > 0.0:
         return
-    m, by_kappa, _ = strength(w[KAPPA + lane], w[M_FIRST + lane], w[M_PEAK + lane], w[GAMMA_R + lane])
-    expansion = w[DILATANCY + lane] * (w[M_CV + lane] - m)
+    m, by_kappa, _ = strength(slide["kappa"], slide["first"], slide["peak"], slide["reference"])
+    expansion = slide["dilatancy"] * (slide["constant"] - m)
     n1, n2 = t1 / q, t2 / q
     normal = (0.5 * (m - n1), 0.5 * (m + n1), -n2)
     flow = (-0.5 * (expansion + n1), -0.5 * (expansion - n1), -n2)
-    c0 = out[0, 0] * flow[0] + out[0, 1] * flow[1] + out[0, 2] * flow[2]
-    c1 = out[1, 0] * flow[0] + out[1, 1] * flow[1] + out[1, 2] * flow[2]
-    c2 = out[2, 0] * flow[0] + out[2, 1] * flow[1] + out[2, 2] * flow[2]
-    share, _ = plastic_share(w[KAPPA + lane], w[GAMMA_R + lane], w[EXPONENT + lane])
-    c0, c1, c2 = share * c0, share * c1, share * c2
+    share, _ = plastic_share(slide["kappa"], slide["reference"], slide["exponent"])
+    c0 = share * (out[0, 0] * flow[0] + out[0, 1] * flow[1] + out[0, 2] * flow[2])
+    c1 = share * (out[1, 0] * flow[0] + out[1, 1] * flow[1] + out[1, 2] * flow[2])
+    c2 = share * (out[2, 0] * flow[0] + out[2, 1] * flow[1] + out[2, 2] * flow[2])
     resistance = normal[0] * c0 + normal[1] * c1 + normal[2] * c2 + by_kappa * pc
-    d0 = normal[0] * out[0, 0] + normal[1] * out[1, 0] + normal[2] * out[2, 0]
-    d1 = normal[0] * out[0, 1] + normal[1] * out[1, 1] + normal[2] * out[2, 1]
-    d2 = normal[0] * out[0, 2] + normal[1] * out[1, 2] + normal[2] * out[2, 2]
     if not resistance > 0.0:
         return
-    out[0, 0], out[0, 1], out[0, 2] = (
-        out[0, 0] - c0 * d0 / resistance,
-        out[0, 1] - c0 * d1 / resistance,
-        out[0, 2] - c0 * d2 / resistance,
-    )
-    out[1, 0], out[1, 1], out[1, 2] = (
-        out[1, 0] - c1 * d0 / resistance,
-        out[1, 1] - c1 * d1 / resistance,
-        out[1, 2] - c1 * d2 / resistance,
-    )
-    out[2, 0], out[2, 1], out[2, 2] = (
-        out[2, 0] - c2 * d0 / resistance,
-        out[2, 1] - c2 * d1 / resistance,
-        out[2, 2] - c2 * d2 / resistance,
-    )
+    for j in range(3):
+        d = (normal[0] * out[0, j] + normal[1] * out[1, j] + normal[2] * out[2, j]) / resistance
+        slide["correction"][j] = d
+    for j in range(3):
+        d = slide["correction"][j]
+        out[0, j] -= c0 * d
+        out[1, j] -= c1 * d
+        out[2, j] -= c2 * d
