@@ -18,7 +18,13 @@ from typing import Any
 import numba
 from numba.extending import register_jitable
 
-FORMULA_OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "no_cpython_wrapper": True}
+FORMULA_OPTIONS: dict[str, Any] = {
+    "fastmath": {"contract"},
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    # arrays are not counted as objects each time they are passed on: whoever calls keeps them
+    "_nrt": False,
+}
 
 
 def formula(function: Callable) -> Any:

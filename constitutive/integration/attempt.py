@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numba.extending import register_jitable
 
 from granfabric.constitutive.compilation import formula
 from granfabric.constitutive.contract import Status
@@ -56,6 +57,10 @@ class Block(NamedTuple):
     worst: np.ndarray
     measure: np.ndarray
     evaluations: np.ndarray
+    point_of: np.ndarray
+    """Point in each lane (lanes,); -1 if none."""
+    last: np.ndarray
+    """Whether the substep is the last one of its increment (lanes,)."""
 
 
 class Flow(NamedTuple):
@@ -70,7 +75,7 @@ class Flow(NamedTuple):
     drift2: float
 
 
-@formula
+@register_jitable
 def new_block(width):
     """Arrays for `width` lanes."""
     return Block(
@@ -79,6 +84,8 @@ def new_block(width):
         np.zeros((2 * ADVANCED, width)), np.zeros((9, width)), np.ones((1, width)), np.zeros((1, width)),
         np.zeros((1, width)), np.zeros((1, width)), np.zeros((1, width)), np.zeros((1, width)),
         np.zeros((1, width)),
+        np.full(width, -1),
+        np.zeros(width, dtype=np.bool_),
     )
 
 

@@ -369,37 +369,12 @@ def finish(block, point, flow, here, control, closure, options, slide, rule, lan
     return solved
 
 
-@compiled(nogil=True, fastmath={"contract"})
-def update_points(first, end, lanes, call, control, closure, options, numerics, scheme, rule, sliding):
-    """Advance the points from `first` up to, not including, `end`.
-
-    Runs without the interpreter's lock, so that threads can share a batch; a point's result does not depend on how.
-
-    Parameters
-    ----------
-    first, end : int
-    lanes : tuple
-        `eight.LANES`, or `eight.ONE_LANE`, which sliding needs: its branches are those of one point.
-    call : Call
-    control : ndarray of uint8, shape (npt, 3), or None
-        1 where the increment is one of stress; None if it is nowhere.
-    closure : named tuple
-        See `network.closures`.
-    options : Options
-    numerics : Numerics
-    scheme : tuple of ndarray
-        a, b and error weights of the Runge-Kutta pair.
-    rule : tuple of ndarray
-        Gauss-Legendre nodes and weights; cosines and sines of the circle, cosines of half of it.
-    sliding : ndarray of `slide.SLIDE`, shape (1,), or None
-        Only its type counts.
-    """
+@formula
+def advance_points(first, end, lanes, block, call, control, closure, options, numerics, scheme, rule, slide):
+    """`update_points` with its arrays at hand: a `block`, and a record for what slides (or None)."""
     a, b, error = scheme
     width, kind = len(lanes), numerics.tangent_kind
-    block = new_block(width)
-    slides = None if sliding is None else sliding.copy()
-    slide = None if sliding is None else slides[0]
-    point_of, last = np.full(width, -1), np.zeros(width, dtype=np.bool_)
+    point_of, last = block.point_of, block.last
     fill_idle(block.inputs)
     tolerance = ROUNDING
     if numerics.substeps == 0:
@@ -467,6 +442,41 @@ def update_points(first, end, lanes, call, control, closure, options, numerics, 
             point_of[lane] = -1
             active -= 1
     split_changes(first, end, call, block, closure, options, rule, lanes)
+
+
+@compiled(nogil=True, fastmath={"contract"})
+def update_points(first, end, lanes, call, control, closure, options, numerics, scheme, rule, sliding):
+    """Advance the points from `first` up to, not including, `end`.
+
+    Runs without the interpreter's lock, so that threads can share a batch; a point's result does not depend on how.
+
+    Parameters
+    ----------
+    first, end : int
+    lanes : tuple
+        `eight.LANES`, or `eight.ONE_LANE`, which sliding needs: its branches are those of one point.
+    call : Call
+    control : ndarray of uint8, shape (npt, 3), or None
+        1 where the increment is one of stress; None if it is nowhere.
+    closure : named tuple
+        See `network.closures`.
+    options : Options
+    numerics : Numerics
+    scheme : tuple of ndarray
+        a, b and error weights of the Runge-Kutta pair.
+    rule : tuple of ndarray
+        Gauss-Legendre nodes and weights; cosines and sines of the circle, cosines of half of it.
+    sliding : ndarray of `slide.SLIDE`, shape (1,), or None
+        Only its type counts.
+    """
+    block = new_block(len(lanes))
+    slides = sliding
+    if sliding is not None:
+        slides = sliding.copy()
+        slide = slides[0]
+    else:
+        slide = None
+    advance_points(first, end, lanes, block, call, control, closure, options, numerics, scheme, rule, slide)
 
 
 @compiled()
