@@ -11,12 +11,13 @@ import hashlib
 import os
 import sys
 from collections.abc import Callable
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
 from typing import Any
 
 import numba
-from numba.extending import register_jitable
+from numba.core import types
+from numba.extending import overload, register_jitable
 
 FORMULA_OPTIONS: dict[str, Any] = {
     "fastmath": {"contract"},
@@ -35,6 +36,26 @@ def formula(function: Callable) -> Any:
     rounded once instead of twice (``contract``), in every lane alike; nothing else of IEEE arithmetic is given up.
     """
     return register_jitable(**FORMULA_OPTIONS)(function)
+
+
+def formula_if_given(function: Callable) -> Any:
+    """Decorator like `formula` for a function that gives None where its first argument is None.
+
+    What a compiled function returns has one type for each type of its arguments, so that there are two of them.
+    """
+
+    def nothing(first: Any, *rest: Any) -> None:
+        return None
+
+    def either(first: Any, *rest: Any) -> Any:
+        return nothing if isinstance(first, types.NoneType) else function
+
+    @wraps(function)
+    def interpreted(first: Any, *rest: Any) -> Any:
+        return None if first is None else function(first, *rest)
+
+    overload(interpreted, jit_options=FORMULA_OPTIONS, strict=False)(either)
+    return interpreted
 
 
 def _cache_root() -> Path:

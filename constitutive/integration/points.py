@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granfabric.constitutive.compilation import compiled, formula
+from granfabric.constitutive.compilation import compiled, formula, formula_if_given
 from granfabric.constitutive.contract import Status
 from granfabric.constitutive.lanes.eight import choose, read, write
 from granfabric.constitutive.material_table import M_A1, M_A2, M_GAMMA, M_KAPPA, M_Z, MICRO
@@ -87,6 +87,12 @@ class Numerics(NamedTuple):
     tangent_kind: int
 
 
+@formula_if_given
+def record_of(slides):
+    """The record of what slides."""
+    return slides[0]
+
+
 @formula
 def keep_start(call, point):
     """End values of a point at rest or refused: its start values."""
@@ -98,11 +104,9 @@ def keep_start(call, point):
         call.state_end[point, i] = call.state_start[point, i]
 
 
-@formula
+@formula_if_given
 def stressed_components(control, inputs, lanes):
     """Which components of the increment are stresses, in every lane; None if none can be."""
-    if control is None:
-        return None
     return (
         read(inputs, IN_CONTROL, lanes) > 0.5,
         read(inputs, IN_CONTROL + 1, lanes) > 0.5,
@@ -473,9 +477,7 @@ def update_points(first, end, lanes, call, control, closure, options, numerics, 
     slides = sliding
     if sliding is not None:
         slides = sliding.copy()
-        slide = slides[0]
-    else:
-        slide = None
+    slide = record_of(slides)
     advance_points(first, end, lanes, block, call, control, closure, options, numerics, scheme, rule, slide)
 
 
