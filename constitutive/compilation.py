@@ -17,9 +17,50 @@ from typing import Any
 
 import numba
 from numba.core import types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.extending import overload, register_jitable
 
+class _WithoutEnvironment:
+    """A code generator for what will not be executed by itself."""
+
+    def __init__(self, codegen: Any) -> None:
+        self._codegen = codegen
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._codegen, name)
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """There is no place for one."""
+
+
+class _FormulaLibrary(JITCodeLibrary):
+    """What a formula is compiled to: code to be linked into kernels, optimised and made executable only there."""
+
+    @property
+    def codegen(self) -> Any:
+        return _WithoutEnvironment(self._codegen)
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class _FormulaCompiler(Compiler):
+    """The usual steps, with a library of that kind."""
+
+    def define_pipelines(self) -> Any:
+        codegen = self.state.targetctx.codegen()
+        self.state.library = _FormulaLibrary(codegen, self.state.func_id.func_qualname)
+        return super().define_pipelines()
+
+
 FORMULA_OPTIONS: dict[str, Any] = {
+    "pipeline_class": _FormulaCompiler,
+    "no_cfunc_wrapper": True,
     "fastmath": {"contract"},
     "error_model": "numpy",
     "no_cpython_wrapper": True,
