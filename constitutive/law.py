@@ -139,6 +139,8 @@ class ContactLaw:
             )
         scattered = closure.force_change == "fluctuating"
         return MeanField(
+            loss=self.effects.contact_loss,
+            gain=self.effects.contact_gain,
             self_consistent=closure.tangential_rule == "self_consistent",
             entropy=entropy,
             closed_form=self.integration.arc_integration == "closed_form",

@@ -23,8 +23,8 @@ from granfabric.constitutive.lanes.elementary import angle, artanh, larger
 SMALL_ANISOTROPY = 0.1
 """Below this a, recursions in 1/a would lose 1/a^4 in accuracy; a downward recursion from a power series does not."""
 
-SERIES_TERMS = 18
-"""0.1^18 is negligible beside rounding."""
+SERIES_TERMS = 15
+"""0.1^15 is negligible beside what the recursions leave elsewhere."""
 
 
 @formula

@@ -29,12 +29,12 @@ _AVERAGE = 1.0 / (2.0 * math.pi)
 
 
 @formula
-def quadrature_change(d, w1, w2, a1, a2, n1, n2, g, p0, sigma, chi, scattered, entropy, nodes, weights):
+def quadrature_change(d, w1, w2, a1, a2, n1, n2, g, p0, loss, gain, sigma, chi, scattered, entropy, nodes, weights):
     """Change (see `contact_change`) by quadrature.
 
     Parameters
     ----------
-    d, w1, w2, a1, a2, n1, n2, g, p0 : float
+    d, w1, w2, a1, a2, n1, n2, g, p0, loss, gain :
         As in `contact_change.closed_form_change`.
     sigma, chi : float
         Of the random change of force, if `scattered`.
@@ -44,7 +44,7 @@ def quadrature_change(d, w1, w2, a1, a2, n1, n2, g, p0, sigma, chi, scattered, e
     """
     zero = 0.0 * d
     nothing = (zero, zero, zero)
-    loss, gain, by_sigma = nothing, nothing, nothing
+    lost, won, by_sigma = nothing, nothing, nothing
     nowhere = (zero, zero, zero, zero, zero, zero)
     by_v, by_a, by_n = nowhere, nowhere, nowhere
     shape = shape_of(entropy, a1, a2)
@@ -56,6 +56,8 @@ def quadrature_change(d, w1, w2, a1, a2, n1, n2, g, p0, sigma, chi, scattered, e
     dense = angle(abs(across), along)
     dense = choose(across < 0.0, -dense, dense)
     for arc in range(2):
+        if not (scattered or (loss if arc == 0 else gain)):
+            continue
         middle = 0.0 if arc == 0 else math.pi
         width = half if arc == 0 else math.pi - half
         # the arc where contacts are, brought next to this one, may meet it in two pieces
@@ -80,27 +82,28 @@ def quadrature_change(d, w1, w2, a1, a2, n1, n2, g, p0, sigma, chi, scattered, e
                 density, by_a1, by_a2 = density_at(entropy, shape, c, s)
                 change = chi * (d + w1 * c + w2 * s)
                 inverse = 1.0 / (1.0 + n1 * c + n2 * s)
+                less, less_by, less_by_sigma, more, more_by, more_by_sigma = zero, zero, zero, zero, zero, zero
                 if scattered:
-                    lost, lost_by, lost_by_sigma = negative_part(change * inverse, sigma)
-                    won, won_by, won_by_sigma = positive_part(change, sigma)
+                    if loss:
+                        less, less_by, less_by_sigma = negative_part(change * inverse, sigma)
+                    if gain:
+                        more, more_by, more_by_sigma = positive_part(change, sigma)
                 elif arc == 0:
-                    lost, lost_by, lost_by_sigma = -change * inverse, -1.0 + zero, zero
-                    won, won_by, won_by_sigma = zero, zero, zero
+                    less, less_by = -change * inverse, -1.0 + zero
                 else:
-                    lost, lost_by, lost_by_sigma = zero, zero, zero
-                    won, won_by, won_by_sigma = change, 1.0 + zero, zero
+                    more, more_by = change, 1.0 + zero
                 there = measure * density
-                loss = _add_vector(loss, there * lost, c, s)
-                gain = _add_vector(gain, there * won, c, s)
-                net = g * won - p0 * lost
-                by_mean = there * chi * (g * won_by - p0 * lost_by * inverse)
+                lost = _add_vector(lost, there * less, c, s)
+                won = _add_vector(won, there * more, c, s)
+                net = g * more - p0 * less
+                by_mean = there * chi * (g * more_by - p0 * less_by * inverse)
                 by_v = _add_matrix(by_v, by_mean, c, s)
                 x, y = measure * net * by_a1, measure * net * by_a2
                 by_a = _add_products(by_a, x, y, c, s)
-                turn = there * p0 * lost_by * change * inverse * inverse
+                turn = there * p0 * less_by * change * inverse * inverse
                 by_n = _add_products(by_n, turn * c, turn * s, c, s)
-                by_sigma = _add_vector(by_sigma, there * (g * won_by_sigma - p0 * lost_by_sigma), c, s)
-    return loss, gain, by_v, by_a, by_n, by_sigma
+                by_sigma = _add_vector(by_sigma, there * (g * more_by_sigma - p0 * less_by_sigma), c, s)
+    return lost, won, by_v, by_a, by_n, by_sigma
 
 
 @formula

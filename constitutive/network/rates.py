@@ -149,13 +149,19 @@ def rates(closure, point, stress, rate, network, guess, strain, with_derivatives
 def _change(closure, d, v1, v2, a1, a2, n1, n2, g, p0, sigma, with_derivatives, rule):
     """Loss and gain, by closed form where there is one."""
     everywhere = closure.scattered or closure.entropy or not closure.closed_form
-    change = closed_form_change(d, v1, v2, a1, a2, n1, n2, g, p0, with_derivatives and not everywhere)
+    loss, gain = closure.loss, closure.gain
+    if everywhere:
+        return quadrature_change(
+            d, v1, v2, a1, a2, n1, n2, g, p0, loss, gain,
+            sigma, closure.chi, closure.scattered, closure.entropy, rule[0], rule[1],
+        )  # fmt: skip
+    change = closed_form_change(d, v1, v2, a1, a2, n1, n2, g, p0, loss, gain, with_derivatives)
     clipped = a1 * a1 + a2 * a2 > 1.0
-    if everywhere or somewhere(clipped):
+    if somewhere(clipped):
         other = quadrature_change(
-            d, v1, v2, a1, a2, n1, n2, g, p0, sigma, closure.chi, closure.scattered, closure.entropy, rule[0], rule[1]
+            d, v1, v2, a1, a2, n1, n2, g, p0, loss, gain, sigma, closure.chi, False, False, rule[0], rule[1]
         )
-        change = other if everywhere else choose(clipped, other, change)
+        change = choose(clipped, other, change)
     return change
 
 
@@ -210,6 +216,8 @@ def rate_changes(closure, point, stress, rate, network, strain, partials, change
 class MeanField(NamedTuple):
     """Numbers and choices of the closures "mean_field" and "fluctuating"; see `closures` for what it answers."""
 
+    loss: bool
+    gain: bool
     self_consistent: bool
     entropy: bool
     closed_form: bool

@@ -260,14 +260,14 @@ def test_arrays_of_the_wrong_kind_are_refused():
 
 def test_parameter_names_are_those_of_the_table():
     """The kernels address the table by position."""
-    from granfabric.constitutive.lanes import load as load_lane
+    from granfabric.constitutive import material_table
 
     names = [variable.name for variable in Material.variables()]
-    assert names[load_lane.PAR_P_ZERO] == "force_density_at_zero"
-    assert names[load_lane.PAR_SHEAR] == "shear_reduction"
-    assert names[load_lane.PAR_FABRIC_XY] == "initial_fabric_xy"
-    assert names[load_lane.PAR_M_CV] == "constant_volume_stress_ratio"
-    assert len(names) == load_lane.PAR_COHESION + 1
-    assert names[load_lane.PAR_KN] == "normal_stiffness"
-    assert names[load_lane.PAR_C_N] == "force_anisotropy_ratio"
+    assert names[material_table.PAR_P_ZERO] == "force_density_at_zero"
+    assert names[material_table.PAR_SHEAR] == "shear_reduction"
+    assert names[material_table.PAR_FABRIC_XY] == "initial_fabric_xy"
+    assert names[material_table.PAR_M_CV] == "constant_volume_stress_ratio"
+    assert len(names) == material_table.PAR_COHESION + 1
+    assert names[material_table.PAR_KN] == "normal_stiffness"
+    assert names[material_table.PAR_C_N] == "force_anisotropy_ratio"
     assert PRESSURE / 1e9 == 1e-4
