@@ -108,6 +108,7 @@ class ContactLaw:
             feedback=follow,
             isostatic=self.closure.shear_stiffness == "isostatic",
             limited=not entropy and not shifted,
+            mixed=False,
             derivatives=False,
         )
         self._kernel_closure = self._closure_of_kernels(entropy)
@@ -359,6 +360,7 @@ class ContactLaw:
             state_start,
             stress_end,
             state_end,
+            np.zeros((0, 3), dtype=np.uint8) if control is None else control,
             np.zeros((0, 3)) if strain_increment is None else strain_increment,
             np.zeros((0, 3, 3)) if tangent is None else tangent,
             np.ascontiguousarray(material_index, dtype=np.int32),
@@ -370,9 +372,8 @@ class ContactLaw:
         arguments = (
             ONE_LANE if self.effects.sliding else LANES_OF_KERNELS,
             call,
-            control,
             self._kernel_closure,
-            self._options._replace(derivatives=kind == TANGENT_PROPAGATED),
+            self._options._replace(mixed=control is not None, derivatives=kind == TANGENT_PROPAGATED),
             Numerics(
                 float(self.integration.tolerance),
                 self.integration.substeps,

@@ -6,8 +6,8 @@ stage of a substep is at its end, and its rates are the first ones of the next; 
 state as it is given. What is gained and lost, and the strain, are integrated with the same weights as the unknowns;
 z(end) = z(start) + gained - lost therefore holds to rounding.
 
-Kernels are compiled for what they are called with: a closure, with strain given or stress as well, with sliding or
-without, eight points at a time or one. Everything else is a number.
+Kernels are compiled for what they are called with: a closure, with sliding or without, eight points at a time or one.
+Everything else is a number.
 """
 
 import math
@@ -33,7 +33,6 @@ from granfabric.constitutive.network.point import (
 from granfabric.constitutive.sliding.cone import plastic_shear_strain
 from granfabric.constitutive.sliding.cone_return import plastic_tangent
 from granfabric.constitutive.sliding.crossing import TAKEN_BACK, forget_crossing, judge_substep
-from granfabric.constitutive.sliding.slide import SLIDE
 from granfabric.constitutive.sliding.start import load_sliding
 from granfabric.constitutive.sliding.substep import accept_sliding
 from granfabric.constitutive.stiffness import components, strain_invariants
@@ -63,6 +62,8 @@ class Call(NamedTuple):
     state_start: np.ndarray
     stress_end: np.ndarray
     state_end: np.ndarray
+    control: np.ndarray
+    """1 where the increment is one of stress; (npt, 3), read only where stress may be given."""
     strain_increment: np.ndarray
     """Written where stress may be given; else (0, 3)."""
     tangent: np.ndarray
@@ -104,9 +105,9 @@ def keep_start(call, point):
         call.state_end[point, i] = call.state_start[point, i]
 
 
-@formula_if_given
-def stressed_components(control, inputs, lanes):
-    """Which components of the increment are stresses, in every lane; None if none can be."""
+@formula
+def stressed_components(inputs, lanes):
+    """Which components of the increment are stresses, in every lane."""
     return (
         read(inputs, IN_CONTROL, lanes) > 0.5,
         read(inputs, IN_CONTROL + 1, lanes) > 0.5,
@@ -115,29 +116,29 @@ def stressed_components(control, inputs, lanes):
 
 
 @formula
-def increment_of(control, inputs, lanes):
-    """The increment as the stage takes it: strain v, e_1, e_2, or, where stress may be given, as it is."""
+def increment_of(inputs, options, lanes):
+    """The increment as the stage takes it: strain v, e_1, e_2, or, if stress may be given, as it is."""
     given = read(inputs, IN_GIVEN, lanes), read(inputs, IN_GIVEN + 1, lanes), read(inputs, IN_GIVEN + 2, lanes)
-    if control is None:
-        return strain_invariants(given[0], given[1], given[2])
-    return given
+    if options.mixed:
+        return given
+    return strain_invariants(given[0], given[1], given[2])
 
 
 @formula
-def take_next(call, block, lane, point, control, options, tangent_kind, slide):
+def take_next(call, block, lane, point, options, tangent_kind, slide):
     """Take a point into a lane; its status, and whether there is anything to advance."""
     inputs, par = block.inputs, call.table[call.material_index[point]]
     outcome = take_point(
         inputs, lane, point, call.given, call.stress_start, call.state_start, par, call.micro_of_column
     )
-    if control is not None:
+    if options.mixed:
         for i in range(3):
-            inputs[IN_CONTROL + i, lane] = float(control[point, i])
+            inputs[IN_CONTROL + i, lane] = float(call.control[point, i])
     if slide is not None:
         if outcome <= LIMITED:
             stress = (inputs[IN_STRESS, 0], inputs[IN_STRESS + 1, 0], inputs[IN_STRESS + 2, 0])
             given = (inputs[IN_GIVEN, 0], inputs[IN_GIVEN + 1, 0], inputs[IN_GIVEN + 2, 0])
-            stressed = stressed_components(control, inputs, (0,))
+            stressed = stressed_components(inputs, (0,))
             outcome = load_sliding(slide, inputs[M_KAPPA, 0], stress, par, given, stressed)
     if tangent_kind != TANGENT_NONE:
         if outcome == OK or outcome == NO_PRESSURE:
@@ -156,11 +157,11 @@ def take_next(call, block, lane, point, control, options, tangent_kind, slide):
 
 
 @formula
-def put_ends(call, block, lane, point, control):
+def put_ends(call, block, lane, point, options):
     """Write the end values of a lane."""
     for i in range(3):
         call.stress_end[point, i] = block.ends[MICRO + i, lane]
-        if control is not None:
+        if options.mixed:
             given = block.inputs[IN_CONTROL + i, lane] < 0.5
             call.strain_increment[point, i] = call.given[point, i] if given else block.sums[6 + i, lane]
     for i in range(call.state_start.shape[1]):
@@ -311,16 +312,14 @@ def go_on(block, lane, point, last, call, numerics, slide):
 
 
 @formula
-def accept(block, flow, here, network, next_flow, closure, options, b, stressed, slide, lanes):
+def accept(block, flow, here, network, next_flow, closure, options, b, slide, lanes):
     """Move the accepted lanes to the end of their substep."""
     accepted = read(block.accepted, 0, lanes) > 0.5
     step = choose(accepted, read(block.step, 0, lanes), 0.0)
     rows = ADVANCED if options.derivatives else UNKNOWNS
     for row in range(rows):
         write(block.y, row, choose(accepted, read(block.trial, row, lanes), read(block.y, row, lanes)), lanes)
-    parts = 2
-    if stressed is not None:
-        parts = 3
+    parts = 3 if options.mixed else 2
     for part in range(parts):
         more = summed(block.k, GAINED + 3 * part, step, b, lanes)
         for i in range(3):
@@ -343,12 +342,12 @@ def accept(block, flow, here, network, next_flow, closure, options, b, stressed,
 
 
 @formula
-def finish(block, point, flow, here, control, closure, options, slide, rule, lanes):
+def finish(block, point, flow, here, closure, options, slide, rule, lanes):
     """End values of all lanes into `block.ends`; what has been given as stress is met exactly."""
     p, t1, t2 = read(block.y, 0, lanes), read(block.y, 1, lanes), read(block.y, 2, lanes)
     xx, yy, xy = components(p, t1, t2)
-    if control is not None:
-        stressed, given = stressed_components(control, block.inputs, lanes), increment_of(control, block.inputs, lanes)
+    if options.mixed:
+        stressed, given = stressed_components(block.inputs, lanes), increment_of(block.inputs, options, lanes)
         xx = choose(stressed[0], read(block.inputs, IN_STRESS, lanes) + given[0], xx)
         yy = choose(stressed[1], read(block.inputs, IN_STRESS + 1, lanes) + given[1], yy)
         xy = choose(stressed[2], read(block.inputs, IN_STRESS + 2, lanes) + given[2], xy)
@@ -374,7 +373,7 @@ def finish(block, point, flow, here, control, closure, options, slide, rule, lan
 
 
 @formula
-def advance_points(first, end, lanes, block, call, control, closure, options, numerics, scheme, rule, slide):
+def advance_points(first, end, lanes, block, call, closure, options, numerics, scheme, rule, slide):
     """`update_points` with its arrays at hand: a `block`, and a record for what slides (or None)."""
     a, b, error = scheme
     width, kind = len(lanes), numerics.tangent_kind
@@ -392,7 +391,7 @@ def advance_points(first, end, lanes, block, call, control, closure, options, nu
             # lanes without a point take the next ones, once they are half of all
             for lane in range(width):
                 while point_of[lane] < 0 and following < end:
-                    if take_next(call, block, lane, following, control, options, kind, slide):
+                    if take_next(call, block, lane, following, options, kind, slide):
                         point_of[lane] = following
                         active += 1
                         block.fresh[0, lane], block.time[0, lane] = 1.0, 0.0
@@ -408,21 +407,23 @@ def advance_points(first, end, lanes, block, call, control, closure, options, nu
         for lane in range(width):
             if point_of[lane] >= 0:
                 last[lane] = plan(block, lane, point_of[lane], call, numerics, slide)
-        stressed, given = stressed_components(control, block.inputs, lanes), increment_of(control, block.inputs, lanes)
+        stressed, given = stressed_components(block.inputs, lanes), increment_of(block.inputs, options, lanes)
         network, stiffness, next_flow = attempt_substep(
             block, (a, b), tolerance, point, given, stressed, flow, here, closure, options, slide, rule, lanes
         )
-        estimate_error(block, closure, error, numerics.tolerance, here.z, stiffness, stressed, point.floor, slide, lanes)
+        estimate_error(
+            block, closure, error, numerics.tolerance, here.z, stiffness, options.mixed, point.floor, slide, lanes
+        )
         arrived = False
         for lane in range(width):
             block.fresh[0, lane], block.accepted[0, lane] = 0.0, 0.0
             if point_of[lane] >= 0:
                 judge(block, lane, point_of[lane], last[lane], call, given, options, numerics, slide)
                 arrived = arrived or (last[lane] and block.accepted[0, lane] > 0.5)
-        flow, here = accept(block, flow, here, network, next_flow, closure, options, b, stressed, slide, lanes)
+        flow, here = accept(block, flow, here, network, next_flow, closure, options, b, slide, lanes)
         solved = True
         if arrived:
-            solved = finish(block, point, flow, here, control, closure, options, slide, rule, lanes)
+            solved = finish(block, point, flow, here, closure, options, slide, rule, lanes)
         for lane in range(width):
             number = point_of[lane]
             if number < 0:
@@ -436,7 +437,7 @@ def advance_points(first, end, lanes, block, call, control, closure, options, nu
             if call.status[number] > LIMITED:
                 keep_start(call, number)
             elif accepted and last[lane]:
-                put_ends(call, block, lane, number, control)
+                put_ends(call, block, lane, number, options)
                 if kind == TANGENT_PROPAGATED:
                     put_propagated_tangent(block.y, lane, call.tangent[number])
                 elif kind == TANGENT_CONTINUUM:
@@ -449,7 +450,7 @@ def advance_points(first, end, lanes, block, call, control, closure, options, nu
 
 
 @compiled(nogil=True, fastmath={"contract"})
-def update_points(first, end, lanes, call, control, closure, options, numerics, scheme, rule, sliding):
+def update_points(first, end, lanes, call, closure, options, numerics, scheme, rule, sliding):
     """Advance the points from `first` up to, not including, `end`.
 
     Runs without the interpreter's lock, so that threads can share a batch; a point's result does not depend on how.
@@ -460,8 +461,6 @@ def update_points(first, end, lanes, call, control, closure, options, numerics, 
     lanes : tuple
         `eight.LANES`, or `eight.ONE_LANE`, which sliding needs: its branches are those of one point.
     call : Call
-    control : ndarray of uint8, shape (npt, 3), or None
-        1 where the increment is one of stress; None if it is nowhere.
     closure : named tuple
         See `network.closures`.
     options : Options
@@ -478,7 +477,7 @@ def update_points(first, end, lanes, call, control, closure, options, numerics, 
     if sliding is not None:
         slides = sliding.copy()
     slide = record_of(slides)
-    advance_points(first, end, lanes, block, call, control, closure, options, numerics, scheme, rule, slide)
+    advance_points(first, end, lanes, block, call, closure, options, numerics, scheme, rule, slide)
 
 
 @compiled()

@@ -54,7 +54,7 @@ def stage(number, trial, k, point, given, stressed, largest, guess, known, here,
     point : Point
     given : tuple of 3
         Strain increment v, e_1, e_2, compression positive; where stress is given as well, xx, yy, xy, tension positive.
-    stressed : tuple of 3, or None
+    stressed : tuple of 3
         Which of the components given are stresses.
     largest : float
         Largest |s| so far.
@@ -109,10 +109,8 @@ def stage(number, trial, k, point, given, stressed, largest, guess, known, here,
     stiffness = choose(usable, stiffness, (one, one, zero, zero, zero))
     network = choose(usable, network, here)
     s1, s2 = choose(usable, s1, 0.0), choose(usable, s2, 0.0)
-    if stressed is None:
-        rate = stress_rate(stiffness, given[0], given[1], given[2])
-        strain = given
-    else:
+    rate, strain = stress_rate(stiffness, given[0], given[1], given[2]), given
+    if options.mixed:
         rate, tension = rates_with_given(stiffness, given, stressed)
         strain = (-(tension[0] + tension[1]), tension[1] - tension[0], -tension[2])
         write(k, first + STRAIN, tension[0], lanes)

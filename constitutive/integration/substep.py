@@ -11,7 +11,7 @@ from granfabric.constitutive.sliding.substep import kappa_error
 from granfabric.constitutive.stiffness import components, strain_invariants, stress_rate
 
 from .runge_kutta import LARGEST_CHANGE, MAX_FACTOR, MIN_FACTOR, SAFETY
-from .stage import RATES, STRAIN, UNKNOWNS
+from .stage import RATES, STRAIN
 
 _LIMITED = float(Status.LIMITED)
 _NO_PRESSURE = float(Status.NO_PRESSURE)
@@ -49,7 +49,7 @@ def _raised(measure, new):
 
 
 @formula
-def estimate_error(block, closure, error, tolerance, z, stiffness, stressed, floor, slide, lanes):
+def estimate_error(block, closure, error, tolerance, z, stiffness, mixed, floor, slide, lanes):
     """Error of the substep in units of the tolerance (stress relative to p, z relative, a_c absolute), and its status.
 
     Where stress is given, the strain is what is asked for: its error counts as the stress that belongs to it. In a
@@ -66,7 +66,8 @@ def estimate_error(block, closure, error, tolerance, z, stiffness, stressed, flo
     z : float
         Coordination number at the start.
     stiffness : tuple of 5
-    stressed : tuple of 3, or None
+    mixed : bool
+        Whether stress may be given.
     floor : float
         Least pressure.
     slide : record or None
@@ -84,7 +85,7 @@ def estimate_error(block, closure, error, tolerance, z, stiffness, stressed, flo
     unit = 1.0 / (tolerance * other)
     measure = _raised(measure, abs(e_y) * unit)
     measure = _raised(measure, abs(e_z) * unit)
-    if stressed is not None:
+    if mixed:
         xx, yy, xy = summed(k, STRAIN, step, error, lanes)
         v, e1, e2 = strain_invariants(xx, yy, xy)
         e_p, e_1, e_2 = stress_rate(stiffness, v, e1, e2)

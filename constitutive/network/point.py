@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from granfabric.constitutive.compilation import formula
 from granfabric.constitutive.contract import Status
-from granfabric.constitutive.lanes.eight import choose, read
+from granfabric.constitutive.lanes.eight import read
 from granfabric.constitutive.material_table import (
     M_A1,
     M_A1_REF,
@@ -118,7 +118,10 @@ class Options(NamedTuple):
     isostatic: bool
     limited: bool
     """Beyond |a_c| = 1 the density is clipped: the harmonic one."""
+    mixed: bool
+    """Stress may be given."""
     derivatives: bool
+    """By the strain increment."""
 
 
 class Micro(NamedTuple):

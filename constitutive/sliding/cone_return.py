@@ -38,7 +38,7 @@ def return_to_cone(trial, stiffness, stressed, outcome, slide, derivatives):
     q, pc = math.sqrt(t1 * t1 + t2 * t2), p + slide["cohesion"]
     if not (q > 0.0 and pc > 0.0):
         return outcome
-    if stressed is not None:
+    if stressed[0] or stressed[1] or stressed[2]:
         return _correct_kappa(trial, stiffness, stressed, outcome, slide)
     m, by_kappa, _ = strength(slide["trial_kappa"], slide["first"], slide["peak"], slide["reference"])
     n1, n2, target = t1 / q, t2 / q, m * pc

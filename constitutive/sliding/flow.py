@@ -24,9 +24,9 @@ _STIFFNESS_LOST = float(Status.STIFFNESS_LOST)
 @formula
 def relieved(stiffness, v, e1, e2, stressed):
     """What a plastic strain takes off p, t_1, t_2 (compression positive), and the strain it causes (see `relief`)."""
-    if stressed is None:
-        return stress_rate(stiffness, v, e1, e2), (0.0, 0.0, 0.0)
-    return relief(stiffness, v, e1, e2, stressed)
+    if stressed[0] or stressed[1] or stressed[2]:
+        return relief(stiffness, v, e1, e2, stressed)
+    return stress_rate(stiffness, v, e1, e2), (0.0, 0.0, 0.0)
 
 
 @formula

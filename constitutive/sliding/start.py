@@ -33,7 +33,7 @@ def load_sliding(slide, kappa, stress, par, given, stressed):
         Start stress and increment, xx, yy, xy, tension positive.
     par : ndarray
         Row of the table of materials.
-    stressed : tuple of 3, or None
+    stressed : tuple of 3
         Which components of the increment are of stress.
     """
     first, peak, reference, cohesion = par[PAR_M_FIRST], par[PAR_M_PEAK], par[PAR_GAMMA_R], par[PAR_COHESION]
@@ -49,9 +49,8 @@ def load_sliding(slide, kappa, stress, par, given, stressed):
     slide["slides"] = False
     if not distance <= LOAD_TOLERANCE:
         return _BEYOND_PEAK
-    if stressed is not None:
-        if _no_stress_within_the_peak(stress, given, stressed, peak, cohesion):
-            return _BEYOND_PEAK
+    if _no_stress_within_the_peak(stress, given, stressed, peak, cohesion):
+        return _BEYOND_PEAK
     return 0
 
 
