@@ -156,6 +156,11 @@ def two_to_the(n: Any) -> Any:
     return 2.0**n
 
 
+def exponent(x: Any) -> Any:
+    """The largest integer n with 2^n <= x, as a number, for a positive normal x."""
+    return float(math.frexp(x)[1] - 1)
+
+
 def read(array: Any, row: Any, lanes: Any) -> Any:
     """The numbers of a row of a contiguous array of shape (rows, lanes)."""
     return float(array[row, 0])
@@ -248,6 +253,26 @@ def _lower_two_to_the(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     # the integer n + 1023, in the last bits of a number that has no room for fractions, is the exponent of 2^n
     shifted = builder.fadd(args[0], constant(number, _NO_FRACTIONS + 1023.0))
     return builder.bitcast(builder.shl(builder.bitcast(shifted, word), constant(word, 52)), number)
+
+
+@_typed(exponent)
+def _(x: Any) -> Any:
+    kind = x if isinstance(x, Eight) else types.float64
+    return signature(kind, kind)
+
+
+@lower_builtin(exponent, types.Any)
+def _lower_exponent(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    eight = isinstance(sig.return_type, Eight)
+    number, word = (_EIGHT_DOUBLES, _EIGHT_LONGS) if eight else (_DOUBLE, _LONG)
+
+    def constant(kind: Any, value: Any) -> Any:
+        return ir.Constant(kind, [value] * WIDTH if eight else value)
+
+    # n + 1023 is made the last bits of the number 2^52, which has no room for fractions
+    biased = builder.lshr(builder.bitcast(args[0], word), constant(word, 52))
+    shifted = builder.bitcast(builder.or_(biased, constant(word, 0x4330000000000000)), number)
+    return builder.fsub(shifted, constant(number, 2.0**52 + 1023.0))
 
 
 def _of_lanes(lanes: Any) -> Any:

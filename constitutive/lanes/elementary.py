@@ -8,7 +8,7 @@ import math
 
 from granfabric.constitutive.compilation import formula
 
-from .eight import choose, two_to_the
+from .eight import choose, exponent, two_to_the
 
 TAN_PI_8 = math.sqrt(2.0) - 1.0
 NO_FRACTIONS = 6755399441055744.0
@@ -113,11 +113,17 @@ def cosine_sine(x):
 @formula
 def angle(y, x):
     """Angle in [0, pi] of the point (x, y), y >= 0; 0 for the origin. Absolute error below 1e-15."""
-    r = math.sqrt(x * x + y * y) + abs(x)
-    # tangent of half the angle to the nearer half-axis, in [0, 1]
-    t = y / choose(r > 0.0, r, 1.0)
-    steep = t > TAN_PI_8
-    u = choose(steep, (t - 1.0) / (t + 1.0), t)
+    return angle_at_distance(y, x, math.sqrt(x * x + y * y))
+
+
+@formula
+def angle_at_distance(y, x, r):
+    """`angle` of a point whose distance r from the origin is known."""
+    r = r + abs(x)
+    # y/r is the tangent of half the angle to the nearer half-axis, in [0, 1]
+    steep = y > TAN_PI_8 * r
+    below = choose(steep, y + r, r)
+    u = choose(steep, y - r, y) / choose(below > 0.0, below, 1.0)
     q = u * u
     s = 0.015113763707864531
     s = s * q - 0.03338782312896797
@@ -137,23 +143,21 @@ def angle(y, x):
 
 
 @formula
-def artanh(x):
-    """Inverse hyperbolic tangent for |x| <= 0.98, odd, relative error below 2e-15.
-
-    artanh(x) = 2 artanh(x/(1 + sqrt(1 - x^2))) three times brings |x| below 0.28.
-    """
-    x = x / (1.0 + math.sqrt((1.0 - x) * (1.0 + x)))
-    x = x / (1.0 + math.sqrt((1.0 - x) * (1.0 + x)))
-    x = x / (1.0 + math.sqrt((1.0 - x) * (1.0 + x)))
+def log_of_ratio(a, b):
+    """ln(a/b) for positive a and b, relative error below 1e-15 but where they are nearly equal: 0 if they are equal."""
+    n, m = exponent(a), exponent(b)
+    a, b, n = a * two_to_the(-n), b * two_to_the(-m), n - m
+    # a/b between the inverse of the root of two and itself
+    high, low = a > 1.4142135623730951 * b, b > 1.4142135623730951 * a
+    b, n = choose(high, 2.0 * b, b), choose(high, n + 1.0, n)
+    a, n = choose(low, 2.0 * a, a), choose(low, n - 1.0, n)
+    x = (a - b) / (a + b)
     q = x * x
-    s = 0.07203921633123167
-    s = s * q + 0.04762938103510126
-    s = s * q + 0.05938076704544049
-    s = s * q + 0.06662870396799757
-    s = s * q + 0.07692472551854418
-    s = s * q + 0.09090904514027609
-    s = s * q + 0.11111111190088997
-    s = s * q + 0.14285714284920953
-    s = s * q + 0.2000000000000408
-    s = s * q + 0.33333333333333326
-    return 8.0 * (x + x * q * s)
+    s = 0.07404920465425907
+    s = s * q + 0.07656257831239007
+    s = s * q + 0.09091816073237518
+    s = s * q + 0.1111109852407682
+    s = s * q + 0.14285714380360954
+    s = s * q + 0.19999999999650992
+    s = s * q + 0.33333333333333823
+    return n * 0.6931471805599453 + 2.0 * (x + x * q * s)

@@ -18,13 +18,13 @@ import math
 
 from granfabric.constitutive.compilation import formula
 from granfabric.constitutive.lanes.eight import choose, somewhere
-from granfabric.constitutive.lanes.elementary import angle, artanh, larger
+from granfabric.constitutive.lanes.elementary import angle_at_distance, larger, log_of_ratio
 
-SMALL_ANISOTROPY = 0.1
+SMALL_ANISOTROPY = 0.08
 """Below this a, recursions in 1/a would lose 1/a^4 in accuracy; a downward recursion from a power series does not."""
 
-SERIES_TERMS = 15
-"""0.1^15 is negligible beside what the recursions leave elsewhere."""
+SERIES_TERMS = 14
+"""0.08^14 is rounding."""
 
 
 @formula
@@ -71,7 +71,7 @@ def loss_moments(a, d, w1, w2, second):
         The last two are zeros if not wanted.
     """
     kappa, sine, cf, sf = arc_of_loss(d, w1, w2)
-    half = angle(sine, kappa)
+    half = angle_at_distance(sine, kappa, 1.0)
     # ends of the arc by addition of angles
     c2, s2 = cf * kappa - sf * sine, sf * kappa + cf * sine
     c1, s1 = cf * kappa + sf * sine, sf * kappa - cf * sine
@@ -92,23 +92,25 @@ def loss_moments(a, d, w1, w2, second):
     square = (1.0 - safe) * (1.0 + safe)
     root = math.sqrt(square)
     h1, h2 = 1.0 + safe * c1, 1.0 + safe * c2
-    p0 = 2.0 / root * angle(sine * root, kappa + safe * cf)
+    steep = 1.0 / root
+    p0 = 2.0 * steep * angle_at_distance(sine * root, kappa + safe * cf, math.sqrt(h1 * h2))
     p1 = (m0 - p0) * inverse
     p2 = (m1 - p1) * inverse
     p3 = (m2 - p2) * inverse
-    q0 = 2.0 * inverse * artanh(safe * drop / (h1 + h2))
+    q0 = inverse * log_of_ratio(h1, h2)
     q1 = (k0 - q0) * inverse
     q2 = (k1 - q1) * inverse
     zero = 0.0 * a
     r0, r1, r2, r3, r4, t0, t1, t2, t3 = zero, zero, zero, zero, zero, zero, zero, zero, zero
     if second:
-        i1, i2 = 1.0 / h1, 1.0 / h2
-        r0 = (p0 - safe * (s2 * i2 - s1 * i1)) / square
+        both = 1.0 / (h1 * h2)
+        i1, i2 = h2 * both, h1 * both
+        r0 = (p0 - safe * (s2 * i2 - s1 * i1)) * (steep * steep)
         r1 = (p0 - r0) * inverse
         r2 = (p1 - r1) * inverse
         r3 = (p2 - r2) * inverse
         r4 = (p3 - r3) * inverse
-        t0 = drop * (i1 * i2)
+        t0 = drop * both
         t1 = (q0 - t0) * inverse
         t2 = (q1 - t1) * inverse
         t3 = (q2 - t2) * inverse

@@ -153,27 +153,25 @@ def fill_idle(inputs):
 
 @formula
 def take_point(inputs, lane, point, given, stress_start, state_start, par, micro_of_column):
-    """Copy a point into a lane.
+    """Copy a point into a lane; rows of the micro-state that the law has no column for stay zero.
 
     Returns
     -------
     int
         OK, NOT_FINITE, NOT_ADMISSIBLE or NO_PRESSURE: with the last three the point cannot be advanced.
     """
-    total = 0.0
-    for row in range(MICRO):
-        inputs[row, lane] = 0.0
+    finite = True
     for i in range(state_start.shape[1]):
         value = state_start[point, i]
-        total += 0.0 * value
+        finite = finite & (abs(value) < math.inf)
         inputs[micro_of_column[i], lane] = value
     for entry in range(PARAMETERS):
         inputs[IN_PARAMETERS + entry, lane] = par[entry]
     for i in range(3):
-        total += 0.0 * given[point, i] + 0.0 * stress_start[point, i]
+        finite = finite & (abs(given[point, i]) < math.inf) & (abs(stress_start[point, i]) < math.inf)
         inputs[IN_STRESS + i, lane] = stress_start[point, i]
         inputs[IN_GIVEN + i, lane] = given[point, i]
-    if total != 0.0:  # infinity times zero is not a number
+    if not finite:
         return _NOT_FINITE
     a1, a2 = inputs[M_A1, lane], inputs[M_A2, lane]
     if not (inputs[M_Z, lane] > SMALLEST_COORDINATION and a1 * a1 + a2 * a2 < 4.0):

@@ -21,8 +21,9 @@ from .contact_change import LARGEST_FORCE_ANISOTROPY, closed_form_change
 from .point import Network
 from .quadrature_change import quadrature_change
 
-FIXED_POINT_TOLERANCE = 1e-13
-FIXED_POINT_ITERATIONS = 60
+MOST_ITERATIONS = 60
+STEP_TOLERANCE = 1e-8
+"""Newton step of da_c that is the last one: what it leaves is of its square."""
 
 
 @formula
@@ -98,8 +99,9 @@ def rates(closure, point, stress, rate, network, guess, strain, with_derivatives
     zero = 0.0 * z
     x1, x2 = guess if closure.self_consistent else (zero, zero)
     x1, x2 = choose(abs(x1) < 1e150, x1, 0.0), choose(abs(x2) < 1e150, x2, 0.0)
-    solved, going = zero == 0.0, zero == 0.0
+    solved = zero == 0.0
     i11, i12, i21, i22 = 1.0 + zero, zero, zero, 1.0 + zero
+    more0, more1, more2 = zero, zero, zero
     iteration = 0
     while True:
         v1, v2 = w1 + x1, w2 + x2
@@ -117,20 +119,26 @@ def rates(closure, point, stress, rate, network, guess, strain, with_derivatives
         inverse = 1.0 / choose(solvable, determinant, 1.0)
         i11, i12, i21, i22 = (1.0 - r22) * inverse, r12 * inverse, r21 * inverse, (1.0 - r11) * inverse
         e1, e2 = 2.0 * net1 - a1 * net0 - x1, 2.0 * net2 - a2 * net0 - x2
-        size = abs(d) + abs(v1) + abs(v2) + sigma
+        step1, step2 = i11 * e1 + i12 * e2, i21 * e1 + i22 * e2
+        size = STEP_TOLERANCE * (abs(d) + abs(v1) + abs(v2) + sigma)
         solved = solved & solvable
-        going = solved & (abs(e1) + abs(e2) > FIXED_POINT_TOLERANCE * size)
+        going = solved & (abs(step1) + abs(step2) > size)
         iteration += 1
         if not somewhere(going):
+            # the last step, to first order
+            x1, x2 = x1 + step1, x2 + step2
+            more0 = by_v[1] * step1 + by_v[2] * step2
+            more1, more2 = by_v[3] * step1 + by_v[4] * step2, by_v[4] * step1 + by_v[5] * step2
             break
-        if iteration >= FIXED_POINT_ITERATIONS:
-            solved = solved & (abs(e1) + abs(e2) <= FIXED_POINT_TOLERANCE * size)
+        if iteration >= MOST_ITERATIONS:
+            solved = solved & (abs(step1) + abs(step2) <= size)
             break
-        x1 = choose(going, x1 + i11 * e1 + i12 * e2, x1)
-        x2 = choose(going, x2 + i21 * e1 + i22 * e2, x2)
-    gained0, lost0 = g * gain[0], p0 * loss[0]
-    gained = (z * gained0, 2.0 * g * gain[1] - a1 * gained0, 2.0 * g * gain[2] - a2 * gained0)
-    lost = (z * lost0, 2.0 * p0 * loss[1] - a1 * lost0, 2.0 * p0 * loss[2] - a2 * lost0)
+        x1, x2 = choose(going, x1 + step1, x1), choose(going, x2 + step2, x2)
+    won0, less0 = g * gain[0], p0 * loss[0]
+    won0, less0 = won0 + choose(more0 > 0.0, more0, 0.0), less0 - choose(more0 < 0.0, more0, 0.0)
+    net0, net1, net2 = net0 + more0, net1 + more1, net2 + more2
+    gained = (z * won0, 2.0 * (g * gain[1] + more1) - a1 * won0, 2.0 * (g * gain[2] + more2) - a2 * won0)
+    lost = (z * less0, 2.0 * p0 * loss[1] - a1 * less0, 2.0 * p0 * loss[2] - a2 * less0)
     net = (gained[0] - lost[0], gained[1] - lost[1], gained[2] - lost[2])
     partials = (
         (net0, net1, net2),

@@ -314,7 +314,7 @@ def split_change(origin, p0, c_e, c_p, start, end, cosines, sines):
     """What an increment gained and lost (z, a_c1, a_c2 each), split by the sign of the change of N in each direction.
 
     With N the contacts and <N> their mean at the end, ``da_c = (2 <dN e> - a_c(start) <dN>)/<N>`` is exact and linear
-    in dN, so that start + gained - lost = end to rounding. The sign makes a kink, which directions resolve slowly: the
+    in dN, so that start + gained - lost = end. The sign makes a kink, which directions resolve slowly: the
     split, not the sum, is good to some 1e-5 of itself.
     """
     share = 1.0 / cosines.shape[0]

@@ -22,6 +22,7 @@ from granfabric.constitutive.material_table import (
     M_SPREAD,
     M_T1,
     M_T2,
+    M_Z,
     MICRO,
 )
 
@@ -193,7 +194,11 @@ def leave(closure, inputs, ends, point, p, network, y, largest, lanes):
 
 @formula
 def split(closure, inputs, ends, options, rule, lanes):
-    """Gained and lost from the change of N, direction by direction; added to the rows of `ends`."""
+    """Gained and lost from the change of N, direction by direction; added to the rows of `ends`.
+
+    Fixed directions add up to a slightly different change than those in the frame of X_1. The difference counts as
+    gained or as lost by its sign, so that neither ever falls and start + gained - lost = end to rounding.
+    """
     point = load(inputs, options, lanes)[0]
     start_x0, start_gain = shift_and_gain(closure, point, point.start_p)
     p = -0.5 * (read(ends, MICRO, lanes) + read(ends, MICRO + 1, lanes))
@@ -209,8 +214,10 @@ def split(closure, inputs, ends, options, rule, lanes):
     origin = (point.origin_z, point.origin_a1, point.origin_a2)
     gained, lost = split_change(origin, point.p_zero, closure.c_e, closure.c_p, start, end, rule[2], rule[3])
     for i in range(3):
-        write(ends, M_GAINED + i, read(inputs, M_GAINED + i, lanes) + gained[i], lanes)
-        write(ends, M_LOST + i, read(inputs, M_LOST + i, lanes) + lost[i], lanes)
+        rest = read(ends, M_Z + i, lanes) - read(inputs, M_Z + i, lanes) - (gained[i] - lost[i])
+        more, less = choose(rest > 0.0, rest, 0.0), choose(rest < 0.0, -rest, 0.0)
+        write(ends, M_GAINED + i, read(inputs, M_GAINED + i, lanes) + (gained[i] + more), lanes)
+        write(ends, M_LOST + i, read(inputs, M_LOST + i, lanes) + (lost[i] + less), lanes)
     return True
 
 
