@@ -21,6 +21,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.extending import overload, register_jitable
 
+
 class _WithoutEnvironment:
     """A code generator for what will not be executed by itself."""
 

@@ -19,7 +19,7 @@ from granfabric.constitutive.integration.points import (
     update_points,
 )
 from granfabric.constitutive.integration.runge_kutta import TABLEAUS, ending_at_the_end
-from granfabric.constitutive.lanes.eight import LANES_OF_KERNELS, ONE_LANE
+from granfabric.constitutive.lanes.eight import LANES_OF_KERNELS
 from granfabric.constitutive.network.at_rest import AtRest
 from granfabric.constitutive.network.force_fabric import initial_force_fabric
 from granfabric.constitutive.network.point import Options
@@ -370,7 +370,7 @@ class ContactLaw:
             counts,
         )
         arguments = (
-            ONE_LANE if self.effects.sliding else LANES_OF_KERNELS,
+            LANES_OF_KERNELS,
             call,
             self._kernel_closure,
             self._options._replace(mixed=control is not None, derivatives=kind == TANGENT_PROPAGATED),

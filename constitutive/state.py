@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .contract import Variable
+from .effects import Effects
 from .material_table import (
     M_A1,
     M_A1_REF,
@@ -22,9 +24,6 @@ from .material_table import (
     M_Z_REF,
     MICRO,
 )
-
-from .contract import Variable
-from .effects import Effects
 
 _ALONG = "component(s) in the double-angle plane"
 

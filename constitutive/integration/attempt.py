@@ -20,7 +20,7 @@ from granfabric.constitutive.sliding.substep import (
     keep_settled,
 )
 
-from .implicit_stage import MOST_PASSES, improve_stage, keep_solved
+from .implicit_stage import MOST_PASSES, ROUNDING_OF_DERIVATIVES, improve_stage, keep_solved
 from .stage import ADVANCED, RATES, UNKNOWNS, stage
 from .substep import advance
 
@@ -57,6 +57,8 @@ class Block(NamedTuple):
     worst: np.ndarray
     measure: np.ndarray
     evaluations: np.ndarray
+    solved: np.ndarray
+    """1 where the state at the end of the increment has been found."""
     point_of: np.ndarray
     """Point in each lane (lanes,); -1 if none."""
     last: np.ndarray
@@ -83,6 +85,7 @@ def new_block(width):
         np.zeros((ADVANCED, width)), np.zeros((ADVANCED, width)), np.zeros((MOST_STAGES * RATES, width)),
         np.zeros((2 * ADVANCED, width)), np.zeros((9, width)), np.ones((1, width)), np.zeros((1, width)),
         np.zeros((1, width)), np.zeros((1, width)), np.zeros((1, width)), np.zeros((1, width)),
+        np.zeros((1, width)),
         np.zeros((1, width)),
         np.full(width, -1),
         np.zeros(width, dtype=np.bool_),
@@ -126,7 +129,7 @@ def attempt_substep(
     network, stiffness = here, (step, step, step, step, step)
     last, drift, node = (flow.guess1, flow.guess2), (flow.drift1, flow.drift2), 0.0
     if slide is not None:
-        begin_sliding(slide, block.step[0, 0])
+        begin_sliding(slide, step, lanes)
     i, passes, solving = 0, 0, everywhere
     if slide is None and not somewhere(fresh):
         i = 1
@@ -139,13 +142,13 @@ def attempt_substep(
             for row in range(rows):
                 write(k, i * RATES + row, read(k, (i - 1) * RATES + row, lanes), lanes)
             if slide is not None:
-                begin_implicit(slide, i)
+                begin_implicit(slide, i, lanes)
         number = i + 1 if implicit else i
         advance(trial, y, k, step, number, a[i], rows, lanes)
         if slide is not None:
-            advance_kappa(slide, block.step[0, 0], number, a[i])
+            advance_kappa(slide, step, number, a[i], lanes)
             if differentiate:
-                advance_length(trial, k, slide, number, a[i], RATES)
+                advance_length(trial, k, slide, number, a[i], RATES, lanes)
         now = a[i].sum()
         ahead = (now - node) * step
         guess = (last[0] + drift[0] * ahead, last[1] + drift[1] * ahead)
@@ -153,19 +156,19 @@ def attempt_substep(
         known = slide is None and i == 0
         outcome, found, moduli, guess = stage(
             target, trial, k, point, given, stressed, flow.largest, guess, known, here,
-            closure, options, differentiate, slide, rule, lanes,
+            closure, options, differentiate, i == 0, slide, rule, lanes,
         )
         if slide is None and i == 0:
             # the others know their first rates
             keep_solved(k, 0, SPARE, fresh, lanes)
             solving = fresh
-        if slide is not None:
-            slide["decides"] = False
         if implicit:
             passes += 1
             settled = everywhere
             if slide is not None:
-                settled = keep_settled(slide, i, a[i, i], block.step[0, 0], tolerance, 1e-12, differentiate)
+                settled = keep_settled(
+                    slide, i, SPARE, solving, a[i, i], step, tolerance, ROUNDING_OF_DERIVATIVES, differentiate, lanes
+                )
             slot, other, _ = measures(closure, read(y, 0, lanes), here.z)
             unsettled = improve_stage(
                 k, i, SPARE, block.before, step, a[i, i], tolerance, read(y, 0, lanes), slot, other,
@@ -193,10 +196,10 @@ def attempt_substep(
     if slide is not None or a[stages - 1, stages - 1] != 0.0:
         advance(trial, y, k, step, stages, b, rows, lanes)
     if slide is not None:
-        advance_kappa(slide, block.step[0, 0], stages, b)
+        advance_kappa(slide, step, stages, b, lanes)
         if options.derivatives:
-            advance_length(trial, k, slide, stages, b, RATES)
-        worst = return_to_cone(trial, stiffness, stressed, worst, slide, options.derivatives)
+            advance_length(trial, k, slide, stages, b, RATES, lanes)
+        worst = return_to_cone(trial, stiffness, stressed, worst, slide, options, lanes)
     write(block.worst, 0, worst, lanes)
     write(block.evaluations, 0, count, lanes)
     return network, stiffness, Flow(flow.largest, last[0], last[1], drift[0], drift[1])

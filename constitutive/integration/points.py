@@ -136,10 +136,14 @@ def take_next(call, block, lane, point, options, tangent_kind, slide):
             inputs[IN_CONTROL + i, lane] = float(call.control[point, i])
     if slide is not None:
         if outcome <= LIMITED:
-            stress = (inputs[IN_STRESS, 0], inputs[IN_STRESS + 1, 0], inputs[IN_STRESS + 2, 0])
-            given = (inputs[IN_GIVEN, 0], inputs[IN_GIVEN + 1, 0], inputs[IN_GIVEN + 2, 0])
-            stressed = stressed_components(inputs, (0,))
-            outcome = load_sliding(slide, inputs[M_KAPPA, 0], stress, par, given, stressed)
+            stress = (inputs[IN_STRESS, lane], inputs[IN_STRESS + 1, lane], inputs[IN_STRESS + 2, lane])
+            given = (inputs[IN_GIVEN, lane], inputs[IN_GIVEN + 1, lane], inputs[IN_GIVEN + 2, lane])
+            control = (
+                inputs[IN_CONTROL, lane] > 0.5,
+                inputs[IN_CONTROL + 1, lane] > 0.5,
+                inputs[IN_CONTROL + 2, lane] > 0.5,
+            )
+            outcome = load_sliding(slide, lane, inputs[M_KAPPA, lane], stress, par, given, control)
     if tangent_kind != TANGENT_NONE:
         if outcome == OK or outcome == NO_PRESSURE:
             z, a1, a2 = reference_of(inputs, lane, options.feedback)
@@ -219,7 +223,7 @@ def put_continuum_tangent(call, block, lane, point, options, slide):
         z, a1, a2 = block.ends[M_Z, lane], block.ends[M_A1, lane], block.ends[M_A2, lane]
     put_stiffness_of(call.table[call.material_index[point]], z, a1, a2, options.isostatic, call.tangent[point])
     if slide is not None:
-        plastic_tangent((block.y[0, 0], block.y[1, 0], block.y[2, 0]), slide, call.tangent[point])
+        plastic_tangent(block.y, slide, lane, call.tangent[point])
 
 
 @formula
@@ -247,13 +251,13 @@ def plan(block, lane, point, call, numerics, slide):
     if last and not fixed:
         block.step[0, lane] = remaining
     if slide is not None:
-        if slide["planned_step"] == 0.0:
-            slide["planned_step"] = block.step[0, 0]
+        if slide["planned_step"][0, lane] == 0.0:
+            slide["planned_step"][0, lane] = block.step[0, lane]
     return last
 
 
 @formula
-def judge(block, lane, point, last, call, given, options, numerics, slide):
+def judge(block, lane, point, last, call, options, numerics, slide):
     """Accept a lane's substep, or shorten it, or give up."""
     counts, worst = call.counts[point], block.worst[0, lane]
     fixed = numerics.substeps > 0
@@ -261,11 +265,15 @@ def judge(block, lane, point, last, call, given, options, numerics, slide):
     failed = worst > LIMITED
     if not failed and (fixed or block.measure[0, lane] <= 1.0):
         if slide is not None:
+            # so large is the increment in the invariants that derivatives are taken by
+            xx, yy, xy = call.given[point, 0], call.given[point, 1], call.given[point, 2]
+            largest = max(abs(xx + yy), abs(xx - yy), abs(xy))
+            differentiate = options.derivatives and not last
             verdict, length = judge_substep(
-                block.step[0, 0], block.y, block.trial, given, slide, options.derivatives and not last
+                block.step[0, lane], block.y, block.trial, largest, slide, lane, differentiate
             )
             if verdict == TAKEN_BACK:
-                block.step[0, 0] = length
+                block.step[0, lane] = length
                 counts[1] += 1
                 if counts[0] + counts[1] >= numerics.most:
                     call.status[point] = TOO_MANY_SUBSTEPS
@@ -276,7 +284,7 @@ def judge(block, lane, point, last, call, given, options, numerics, slide):
         return
     counts[1] += 1
     if slide is not None:
-        forget_crossing(slide)
+        forget_crossing(slide, lane)
     factor = FAILED_STAGE_FACTOR
     if not failed:
         factor = step_factor(block.measure[0, lane], numerics.error_order)
@@ -302,13 +310,13 @@ def go_on(block, lane, point, last, call, numerics, slide):
             block.step[0, lane] = length * step_factor(block.measure[0, lane], numerics.error_order)
     if slide is not None:
         if not last and numerics.substeps > 0:
-            planned, time = numerics.substeps, block.time[0, 0]
-            block.step[0, 0] = (math.floor(time * planned + 1e-9) + 1.0) / planned - time
-        elif not last and slide["crossed"]:
-            block.step[0, 0] = max(slide["whole_step"] - length, SMALLEST_SUBSTEP)
-        slide["planned_step"] = 0.0
-        if slide["crossed"]:
-            forget_crossing(slide)
+            planned, time = numerics.substeps, block.time[0, lane]
+            block.step[0, lane] = (math.floor(time * planned + 1e-9) + 1.0) / planned - time
+        elif not last and slide["crossed"][0, lane] > 0.5:
+            block.step[0, lane] = max(slide["whole_step"][0, lane] - length, SMALLEST_SUBSTEP)
+        slide["planned_step"][0, lane] = 0.0
+        if slide["crossed"][0, lane] > 0.5:
+            forget_crossing(slide, lane)
 
 
 @formula
@@ -330,11 +338,8 @@ def accept(block, flow, here, network, next_flow, closure, options, b, slide, la
         last = (b.shape[0] - 1) * RATES
         for row in range(RATES):
             write(block.k, row, choose(accepted, read(block.k, last + row, lanes), read(block.k, row, lanes)), lanes)
-    elif block.accepted[0, 0] > 0.5:
-        accept_sliding(slide, block.step[0, 0], b)
-        if slide["slides"]:
-            for i in range(3):
-                block.sums[6 + i, 0] += slide["correction"][i]
+    else:
+        accept_sliding(slide, accepted, step, b, block.sums, 6, lanes)
     largest = remember(closure, block.y, accepted, flow.largest, options.derivatives, options.rotation, lanes)
     kept = choose(accepted, next_flow, flow)
     here = choose(accepted, network, here)
@@ -351,7 +356,7 @@ def finish(block, point, flow, here, closure, options, slide, rule, lanes):
         xx = choose(stressed[0], read(block.inputs, IN_STRESS, lanes) + given[0], xx)
         yy = choose(stressed[1], read(block.inputs, IN_STRESS + 1, lanes) + given[1], yy)
         xy = choose(stressed[2], read(block.inputs, IN_STRESS + 2, lanes) + given[2], xy)
-    solved = True
+    solved = p == p
     if slide is not None:
         # the return to the cone has moved the stress since the last stage
         p, t1, t2 = -0.5 * (xx + yy), -0.5 * (xx - yy), -xy
@@ -365,11 +370,13 @@ def finish(block, point, flow, here, closure, options, slide, rule, lanes):
         options.rotation, lanes,
     )
     if slide is not None:
-        block.ends[M_KAPPA, 0] = slide["kappa"]
-        block.ends[M_GAMMA, 0] = plastic_shear_strain(slide["kappa"], slide["reference"], slide["exponent"])
-        block.ends[M_GAMMA + 1, 0] += slide["volume"]
-        block.ends[M_GAMMA + 2, 0] += slide["work"]
-    return solved
+        for lane in range(len(lanes)):
+            kappa = slide["kappa"][0, lane]
+            gamma = plastic_shear_strain(kappa, slide["reference"][0, lane], slide["exponent"][0, lane])
+            block.ends[M_KAPPA, lane], block.ends[M_GAMMA, lane] = kappa, gamma
+            block.ends[M_GAMMA + 1, lane] += slide["volume"][0, lane]
+            block.ends[M_GAMMA + 2, lane] += slide["work"][0, lane]
+    write(block.solved, 0, choose(solved, 1.0 + 0.0 * p, 0.0 * p), lanes)
 
 
 @formula
@@ -418,12 +425,11 @@ def advance_points(first, end, lanes, block, call, closure, options, numerics, s
         for lane in range(width):
             block.fresh[0, lane], block.accepted[0, lane] = 0.0, 0.0
             if point_of[lane] >= 0:
-                judge(block, lane, point_of[lane], last[lane], call, given, options, numerics, slide)
+                judge(block, lane, point_of[lane], last[lane], call, options, numerics, slide)
                 arrived = arrived or (last[lane] and block.accepted[0, lane] > 0.5)
         flow, here = accept(block, flow, here, network, next_flow, closure, options, b, slide, lanes)
-        solved = True
         if arrived:
-            solved = finish(block, point, flow, here, closure, options, slide, rule, lanes)
+            finish(block, point, flow, here, closure, options, slide, rule, lanes)
         for lane in range(width):
             number = point_of[lane]
             if number < 0:
@@ -432,7 +438,7 @@ def advance_points(first, end, lanes, block, call, closure, options, numerics, s
             if accepted:
                 block.time[0, lane] += block.step[0, lane]
                 go_on(block, lane, number, last[lane], call, numerics, slide)
-                if last[lane] and not solved:
+                if last[lane] and block.solved[0, lane] < 0.5:
                     call.status[number] = NOT_CONVERGED
             if call.status[number] > LIMITED:
                 keep_start(call, number)
@@ -459,7 +465,7 @@ def update_points(first, end, lanes, call, closure, options, numerics, scheme, r
     ----------
     first, end : int
     lanes : tuple
-        `eight.LANES`, or `eight.ONE_LANE`, which sliding needs: its branches are those of one point.
+        `eight.LANES`, or `eight.ONE_LANE`.
     call : Call
     closure : named tuple
         See `network.closures`.

@@ -6,8 +6,8 @@ p, t = p s (compression positive) and three of the closure; derivatives are by t
 
 from granfabric.constitutive.compilation import formula
 from granfabric.constitutive.contract import Status
-from granfabric.constitutive.mixed_control import rates_with_given
 from granfabric.constitutive.lanes.eight import choose, read, write
+from granfabric.constitutive.mixed_control import rates_with_given
 from granfabric.constitutive.network.closures import network_at, network_change, rate_changes, rates
 from granfabric.constitutive.network.point import SMALLEST_COORDINATION
 from granfabric.constitutive.sliding.flow import sliding_changes, sliding_rates
@@ -42,7 +42,7 @@ def stiffness_at(point, network, feedback):
 
 
 @formula
-def stage(number, trial, k, point, given, stressed, largest, guess, known, here, closure, options, differentiate, slide, rule, lanes):
+def stage(number, trial, k, point, given, stressed, largest, guess, known, here, closure, options, differentiate, deciding, slide, rule, lanes):
     """Rates at the state in `trial`, written into the rows of stage `number` of `k`.
 
     Parameters
@@ -67,6 +67,9 @@ def stage(number, trial, k, point, given, stressed, largest, guess, known, here,
         See `network.closures`.
     options : Options
     differentiate : bool
+        Whether derivatives are wanted.
+    deciding : bool
+        The stage is the first of its substep.
     slide : record or None
         See `sliding.slide`.
     rule : tuple
@@ -117,7 +120,10 @@ def stage(number, trial, k, point, given, stressed, largest, guess, known, here,
         write(k, first + STRAIN + 1, tension[1], lanes)
         write(k, first + STRAIN + 2, tension[2], lanes)
     if slide is not None:
-        rate, outcome = sliding_rates(number, (p, t1, t2), rate, stiffness, stressed, outcome, slide, k, first + STRAIN)
+        row = first + STRAIN
+        rate, outcome = sliding_rates(
+            number, deciding, (p, t1, t2), rate, stiffness, stressed, options.mixed, outcome, slide, k, row, lanes
+        )
     dp, dt1, dt2 = rate
     d = dp * inverse
     # s as the closure sees it has a second component only if principal axes may turn
@@ -162,7 +168,7 @@ def stage(number, trial, k, point, given, stressed, largest, guess, known, here,
             if slide is not None:
                 r_p, r_1, r_2 = sliding_changes(
                     number, column, (p, t1, t2), (tp, u1, u2), (r_p, r_1, r_2),
-                    stiffness, stiffening, outcome, slide,
+                    stiffness, stiffening, outcome, slide, lanes,
                 )
             # of d and ds, then of the closure's rates
             dd = r_p * inverse - d * relative

@@ -92,8 +92,8 @@ def estimate_error(block, closure, error, tolerance, z, stiffness, mixed, floor,
         xx, yy, xy = components(e_p, e_1, e_2)
         pressure = p
         if slide is not None:
-            if slide["slides"]:
-                pressure = p + 2.0 * stiffness[0] * (slide["reference"] + slide["kappa"])
+            more = 2.0 * stiffness[0] * (read(slide["reference"], 0, lanes) + read(slide["kappa"], 0, lanes))
+            pressure = choose(read(slide["slides"], 0, lanes) > 0.5, p + more, p)
         unit = 1.0 / (tolerance * pressure)
         measure = _raised(measure, abs(xx) * unit)
         measure = _raised(measure, abs(yy) * unit)
@@ -108,7 +108,7 @@ def estimate_error(block, closure, error, tolerance, z, stiffness, mixed, floor,
     change = change * change * change
     measure = choose((measure > change) | (change <= 1.0), measure, change)
     if slide is not None:
-        measure = _raised(measure, kappa_error(slide, step, error) / tolerance)
+        measure = _raised(measure, kappa_error(slide, step, error, lanes) / tolerance)
     fine = worst <= _LIMITED
     if direct:
         inside = (u0 > SMALLEST_COORDINATION) & (u1 * u1 + u2 * u2 < 4.0)

@@ -51,6 +51,12 @@ def exponential(x):
 
 
 @formula
+def power(x, y):
+    """x^y for a positive x."""
+    return exponential(y * log_of_ratio(larger(x, 1e-300), 1.0))
+
+
+@formula
 def normal_tail(u):
     """Tail Phi(-u), expected excess phi(u) - u Phi(-u) and density phi(u) of the normal distribution, for u >= 0.
 

@@ -35,7 +35,6 @@ from granfabric.constitutive.material_table import (
 )
 from granfabric.constitutive.stiffness import invariants, isostatic_shear, moduli_per_contact, stiffness_entries
 
-
 PARAMETERS = PAR_COHESION + 1
 IN_PARAMETERS = MICRO
 IN_STRESS = IN_PARAMETERS + PARAMETERS

@@ -22,11 +22,13 @@ _BEYOND_PEAK = int(Status.BEYOND_PEAK)
 
 
 @formula
-def load_sliding(slide, kappa, stress, par, given, stressed):
+def load_sliding(slide, lane, kappa, stress, par, given, stressed):
     """Fill `slide` for a point; OK, or BEYOND_PEAK if the stress is or shall go outside the cone.
 
     Parameters
     ----------
+    slide : record
+    lane : int
     kappa : float
         Hardening strain at the start.
     stress, given : tuples of 3
@@ -37,16 +39,16 @@ def load_sliding(slide, kappa, stress, par, given, stressed):
         Which components of the increment are of stress.
     """
     first, peak, reference, cohesion = par[PAR_M_FIRST], par[PAR_M_PEAK], par[PAR_GAMMA_R], par[PAR_COHESION]
-    slide["first"], slide["peak"], slide["reference"], slide["cohesion"] = first, peak, reference, cohesion
-    slide["dilatancy"], slide["constant"], slide["exponent"] = par[PAR_DILATANCY], par[PAR_M_CV], par[PAR_EXPONENT]
-    slide["kappa"], slide["volume"], slide["work"], slide["planned_step"] = kappa, 0.0, 0.0, 0.0
+    slide["first"][0, lane], slide["peak"][0, lane], slide["reference"][0, lane], slide["cohesion"][0, lane] = first, peak, reference, cohesion
+    slide["dilatancy"][0, lane], slide["constant"][0, lane], slide["exponent"][0, lane] = par[PAR_DILATANCY], par[PAR_M_CV], par[PAR_EXPONENT]
+    slide["kappa"][0, lane], slide["volume"][0, lane], slide["work"][0, lane], slide["planned_step"][0, lane] = kappa, 0.0, 0.0, 0.0
     for column in range(3):
-        slide["kappa_by"][column], slide["time_change"][column] = 0.0, 0.0
-    forget_crossing(slide)
+        slide["kappa_by"][column, lane], slide["time_change"][column, lane] = 0.0, 0.0
+    forget_crossing(slide, lane)
     p, t1, t2 = invariants(stress[0], stress[1], stress[2])
     distance = math.sqrt(t1 * t1 + t2 * t2) / (p + cohesion) - strength(kappa, first, peak, reference)[0]
-    slide["on_cone"] = distance >= -CONE_TOLERANCE
-    slide["slides"] = False
+    slide["on_cone"][0, lane] = 1.0 * (distance >= -CONE_TOLERANCE)
+    slide["slides"][0, lane] = 0.0
     if not distance <= LOAD_TOLERANCE:
         return _BEYOND_PEAK
     if _no_stress_within_the_peak(stress, given, stressed, peak, cohesion):

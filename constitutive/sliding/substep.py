@@ -1,107 +1,125 @@
 """The hardening strain kappa and its derivatives along the stages of a Runge-Kutta substep; their error; acceptance."""
 
 from granfabric.constitutive.compilation import formula
+from granfabric.constitutive.lanes.eight import choose, read, somewhere, write
+from granfabric.constitutive.lanes.elementary import larger
 
 _UNKNOWNS = 6
 
 
 @formula
-def begin_sliding(slide, step):
+def begin_sliding(slide, step, lanes):
     """Before the first stage of a substep."""
-    slide["decides"], slide["turned_back"] = True, False
+    zero = 0.0 * step
+    write(slide["turned_back"], 0, zero, lanes)
     # a substep that begins later ends when planned; one that was shortened is a share of the planned one
-    share = step / slide["planned_step"] if slide["planned_step"] > 0.0 else 0.0
+    planned = read(slide["planned_step"], 0, lanes)
+    share = choose(planned > 0.0, step / choose(planned > 0.0, planned, 1.0), zero)
     for column in range(3):
-        slide["correction"][column] = 0.0
-        slide["step_change"][column] = -share * slide["time_change"][column]
-    if slide["crossed"]:
-        slide["step_change"][0] += slide["seed"]
+        write(slide["correction"], column, zero, lanes)
+        write(slide["step_change"], column, -share * read(slide["time_change"], column, lanes), lanes)
+    seed = choose(read(slide["crossed"], 0, lanes) > 0.5, read(slide["seed"], 0, lanes), zero)
+    write(slide["step_change"], 0, read(slide["step_change"], 0, lanes) + seed, lanes)
 
 
 @formula
-def advance_kappa(slide, step, stages, coefficients):
+def advance_kappa(slide, step, stages, coefficients, lanes):
     """kappa at a stage: that of the start and h sum c_m rates over the first `stages` stages; and its derivatives."""
-    total = 0.0
+    total = 0.0 * step
     for m in range(stages):
-        total += coefficients[m] * slide["kappa_rate"][m]
-    slide["trial_kappa"] = slide["kappa"] + step * total
+        total += coefficients[m] * read(slide["kappa_rate"], m, lanes)
+    write(slide["trial_kappa"], 0, read(slide["kappa"], 0, lanes) + step * total, lanes)
     for column in range(3):
-        slope = 0.0
+        slope = 0.0 * step
         for m in range(stages):
-            slope += coefficients[m] * slide["kappa_slope"][m, column]
-        slide["trial_kappa_by"][column] = (
-            slide["kappa_by"][column] + step * slope + slide["step_change"][column] * total
-        )
+            if coefficients[m] != 0.0:
+                slope += coefficients[m] * read(slide["kappa_slope"], 3 * m + column, lanes)
+        slope = step * slope + read(slide["step_change"], column, lanes) * total
+        write(slide["trial_kappa_by"], column, read(slide["kappa_by"], column, lanes) + slope, lanes)
 
 
 @formula
-def advance_length(trial, k, slide, stages, coefficients, rates):
+def advance_length(trial, k, slide, stages, coefficients, rates, lanes):
     """Add what a change of the substep's length does to the derivatives in `trial`; `rates` is the rows of a stage."""
     for column in range(3):
-        change = slide["step_change"][column]
-        if change != 0.0:
+        change = read(slide["step_change"], column, lanes)
+        if somewhere(change != 0.0):
             for m in range(stages):
                 if coefficients[m] != 0.0:
                     for i in range(_UNKNOWNS):
                         row = _UNKNOWNS * (1 + column) + i
-                        trial[row, 0] += change * coefficients[m] * k[m * rates + i, 0]
+                        more = change * coefficients[m] * read(k, m * rates + i, lanes)
+                        write(trial, row, read(trial, row, lanes) + choose(change != 0.0, more, 0.0), lanes)
 
 
 @formula
-def kappa_error(slide, step, error):
+def kappa_error(slide, step, error, lanes):
     """Error of kappa relative to kappa + gamma_r."""
-    total = 0.0
+    total = 0.0 * step
     for m in range(error.shape[0]):
-        total += error[m] * slide["kappa_rate"][m]
-    return abs(step * total) / (slide["reference"] + slide["kappa"])
+        total += error[m] * read(slide["kappa_rate"], m, lanes)
+    scale = read(slide["reference"], 0, lanes) + read(slide["kappa"], 0, lanes)
+    # lanes that have not held a point yet have no scale
+    return choose(scale > 0.0, abs(step * total) / choose(scale > 0.0, scale, 1.0), 0.0)
 
 
 @formula
-def accept_sliding(slide, step, b):
-    """Move to the end of the substep. What is dissipated in one is never negative."""
-    if slide["slides"]:
-        slide["kappa"] = slide["trial_kappa"]
-        volume, work = 0.0, 0.0
-        for m in range(b.shape[0]):
-            volume += b[m] * slide["volume_rate"][m]
-            work += b[m] * slide["work_rate"][m]
-        slide["volume"] += step * volume
-        slide["work"] += step * max(work, 0.0)
-        for column in range(3):
-            slide["kappa_by"][column] = slide["trial_kappa_by"][column]
+def accept_sliding(slide, accepted, step, b, sums, first_strain, lanes):
+    """Move to the ends of the substeps. What is dissipated in one is never negative."""
+    moved = accepted & (read(slide["slides"], 0, lanes) > 0.5)
+    if not somewhere(moved):
+        return
+    volume, work = 0.0 * step, 0.0 * step
+    for m in range(b.shape[0]):
+        volume += b[m] * read(slide["volume_rate"], m, lanes)
+        work += b[m] * read(slide["work_rate"], m, lanes)
+    old = read(slide["volume"], 0, lanes)
+    write(slide["volume"], 0, choose(moved, old + step * volume, old), lanes)
+    old = read(slide["work"], 0, lanes)
+    write(slide["work"], 0, choose(moved, old + step * larger(work, 0.0), old), lanes)
+    kappa = choose(moved, read(slide["trial_kappa"], 0, lanes), read(slide["kappa"], 0, lanes))
+    write(slide["kappa"], 0, kappa, lanes)
+    for i in range(3):
+        slope = choose(moved, read(slide["trial_kappa_by"], i, lanes), read(slide["kappa_by"], i, lanes))
+        write(slide["kappa_by"], i, slope, lanes)
+        row = first_strain + i
+        more = choose(moved, read(slide["correction"], i, lanes), 0.0)
+        write(sums, row, read(sums, row, lanes) + more, lanes)
 
 
 @formula
-def begin_implicit(slide, number):
+def begin_implicit(slide, number, lanes):
     """Start the iteration of an implicit stage from the rates of the one before."""
-    slide["kappa_rate"][number] = slide["kappa_rate"][number - 1]
-    slide["volume_rate"][number] = slide["volume_rate"][number - 1]
-    slide["work_rate"][number] = slide["work_rate"][number - 1]
+    write(slide["kappa_rate"], number, read(slide["kappa_rate"], number - 1, lanes), lanes)
+    write(slide["volume_rate"], number, read(slide["volume_rate"], number - 1, lanes), lanes)
+    write(slide["work_rate"], number, read(slide["work_rate"], number - 1, lanes), lanes)
     for column in range(3):
-        slide["kappa_slope"][number, column] = slide["kappa_slope"][number - 1, column]
+        row = 3 * number + column
+        write(slide["kappa_slope"], row, read(slide["kappa_slope"], row - 3, lanes), lanes)
 
 
 @formula
-def keep_settled(slide, number, diagonal, step, tolerance, rounding, derivatives):
-    """Whether the rates of kappa of an implicit stage, just evaluated in the stage after the last, have settled.
+def keep_settled(slide, number, new, solving, diagonal, step, tolerance, rounding, derivatives, lanes):
+    """Whether the rates of kappa of an implicit stage, just evaluated as those of stage `new`, have settled.
 
-    They take their place as those of stage `number`. kappa is measured by kappa + gamma_r, its derivatives by
-    themselves, `rounding` at least.
+    Where the iteration goes on they take their place as those of stage `number`. kappa is measured by kappa + gamma_r,
+    its derivatives by themselves, `rounding` at least.
     """
-    last = slide["kappa_rate"].shape[0] - 1
-    new = slide["kappa_rate"][last]
-    limit = tolerance * ((slide["reference"] + slide["kappa"]) / (diagonal * step) + abs(new))
-    settled = abs(new - slide["kappa_rate"][number]) <= limit
-    if derivatives:
-        square, change = 0.0, 0.0
-        for column in range(3):
-            slope = slide["kappa_slope"][last, column]
-            square += slope * slope
-            change += (slope - slide["kappa_slope"][number, column]) ** 2
-        settled = settled and change <= max(tolerance, rounding) ** 2 * square
-    slide["kappa_rate"][number] = new
-    slide["volume_rate"][number] = slide["volume_rate"][last]
-    slide["work_rate"][number] = slide["work_rate"][last]
+    rate, old = read(slide["kappa_rate"], new, lanes), read(slide["kappa_rate"], number, lanes)
+    scale = read(slide["reference"], 0, lanes) + read(slide["kappa"], 0, lanes)
+    settled = abs(rate - old) <= tolerance * (scale / (diagonal * step) + abs(rate))
+    square, change = 0.0 * step, 0.0 * step
     for column in range(3):
-        slide["kappa_slope"][number, column] = slide["kappa_slope"][last, column]
+        row = 3 * number + column
+        slope, before = read(slide["kappa_slope"], 3 * new + column, lanes), read(slide["kappa_slope"], row, lanes)
+        square += slope * slope
+        change += (slope - before) * (slope - before)
+        write(slide["kappa_slope"], row, choose(solving, slope, before), lanes)
+    if derivatives:
+        limit = max(tolerance, rounding)
+        settled = settled & (change <= limit * limit * square)
+    write(slide["kappa_rate"], number, choose(solving, rate, old), lanes)
+    volume, work = read(slide["volume_rate"], number, lanes), read(slide["work_rate"], number, lanes)
+    write(slide["volume_rate"], number, choose(solving, read(slide["volume_rate"], new, lanes), volume), lanes)
+    write(slide["work_rate"], number, choose(solving, read(slide["work_rate"], new, lanes), work), lanes)
     return settled
