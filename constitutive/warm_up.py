@@ -1,95 +1,61 @@
-"""Compile the law's kernels ahead of their first use: ``python -m granfabric.constitutive.warm_up``.
+"""Compile a law's kernels ahead of their first use: ``python -m granfabric.constitutive.warm_up KERNEL ...``.
 
-A host that prepares its own part meanwhile finds them in the disk cache, and can lend a hand with `compile_late`.
+A kernel is named by the closure it is for, with ``+sliding`` if points may slide: ``shifted_distribution+sliding``,
+``mean_field``, ``at_rest``. A host that prepares its own part meanwhile finds them in the disk cache.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from importlib import import_module
+import sys
 
-import numba
 import numpy as np
-from numba.core.errors import NumbaError
 
 from .compilation import cache_directory
+from .effects import Effects
+from .law import ContactLaw
+from .parameters import Closure, Material
 
-ENTRY_KERNELS = ("points.update_points", "points.smallest_step_factor")
-"""Kernels that the law calls; whatever they call in turn is compiled before them."""
-
-
-LATE_KERNELS = (
-    *(("integration.substep", "accept_substep", "wwb"), ("integration.substep", "estimate_error", "wwfbbb")),
-    ("integration.stage", "_differentiate", "wob"),
-    *(("network.rates", "_close", "wo"), ("network.rates", "_differentiate", "wo"), ("network.rates", "_split", "wo")),
-    *(("network.rates", "_improve", "wo"), ("network.quadrature_change", "quadrature_change", "wiibbbww")),
-    *(("network.contact_change", "_gain", "wb"), ("network.contact_change", "_loss_by_force_anisotropy", "w")),
-    *(("network.contact_change", "_loss", "wb"), ("network.arcs", "_from_series", "wb"), ("network.arcs", "_second_moments", "w")),
-)
-"""Module, name and argument types of kernels that `update_points` calls, those that it needs last before the others."""
-
-_TYPES = {
-    "w": numba.float64[::1],
-    "o": numba.int64[::1],
-    "b": numba.boolean,
-    "f": numba.float64,
-    "i": numba.int64,
-}
+SLIDING = "+sliding"
+AT_REST = "at_rest"
+FAMILIES = {"mean_field": "mean_field", "fluctuating": "mean_field", "shifted_distribution": "shifted_distribution"}
+"""Force changes, and the one for which their kernel is named."""
 
 
-def compile_late(go_on: Callable[[], bool]) -> list[str]:
-    """Compile kernels from the end of the list while another process works on it from its beginning.
-
-    What that one has finished is found in the cache. A kernel that does not exist (any more) with these arguments is
-    passed over: it is compiled where it is called.
-
-    Parameters
-    ----------
-    go_on : callable
-        Asked before each kernel.
-
-    Returns
-    -------
-    list of str
-        Kernels that were compiled here, neither found in the cache nor passed over.
-    """
-    done = []
-    for module, name, letters in LATE_KERNELS:
-        if not go_on():
-            break
-        kernel = getattr(import_module(f"{__package__}.{module}"), name, None)
-        if kernel is None:
-            continue
-        missed = sum(kernel.stats.cache_misses.values())
-        try:
-            kernel.compile(tuple(_TYPES[letter] for letter in letters))
-        except (NumbaError, TypeError):  # the latter for another number of arguments
-            continue
-        if sum(kernel.stats.cache_misses.values()) > missed:
-            done.append(f"{module}.{name}")
-    return done
+def kernel_of(closure: Closure, effects: Effects) -> str:
+    """Name of the kernel that a law with this closure and these effects calls."""
+    family = FAMILIES[closure.force_change] if effects.network_changes else AT_REST
+    return family + (SLIDING if effects.sliding else "")
 
 
-def kernels_cached() -> bool:
-    """Whether the disk cache holds an index of every kernel that the law calls."""
-    folder = cache_directory("constitutive")
-    return all(any(folder.rglob(f"{name}-*.nbi")) for name in ENTRY_KERNELS)
+def _law(kernel: str) -> ContactLaw:
+    family, sliding = kernel.removesuffix(SLIDING), kernel.endswith(SLIDING)
+    moving = family != AT_REST
+    closure = Closure(force_change=family) if moving else Closure()  # type: ignore[arg-type]
+    effects = Effects(contact_loss=moving, contact_gain=moving, sliding=sliding)
+    return ContactLaw([Material(coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9)], closure, effects)
 
 
-def warm_up() -> None:
-    """Update one point by a strain increment with its tangent, and once under mixed control."""
-    from .law import ContactLaw
-    from .parameters import Material
+def _marker(kernel: str) -> str:
+    return f"{kernel.replace('+', '-')}.compiled"
 
-    law = ContactLaw([Material(coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9)])
+
+def cached(kernel: str) -> bool:
+    """Whether the disk cache holds the kernel, as far as `warm_up` has put it there."""
+    return (cache_directory("constitutive") / _marker(kernel)).exists()
+
+
+def warm_up(kernel: str) -> None:
+    """Update one point by a strain increment with its tangent."""
+    law = _law(kernel)
     stress = np.array([[-1e5, -1e5, 0.0]])
     state = law.initial_state(stress)
-    stress_end, state_end, strain = np.zeros_like(stress), np.zeros_like(state), np.zeros((1, 3))
     increment = np.array([[1e-7, -1e-7, 0.0]])
-    law.update(increment, stress, state, stress_end, state_end, np.zeros((1, 3, 3)))
-    control = np.array([[1, 0, 0]], dtype=np.uint8)
-    law.update_mixed(control, np.array([[0.0, -1e-7, 0.0]]), stress, state, stress_end, state_end, strain)
+    law.update(increment, stress, state, np.zeros_like(stress), np.zeros_like(state), np.zeros((1, 3, 3)))
+    folder = cache_directory("constitutive")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / _marker(kernel)).touch()
 
 
 if __name__ == "__main__":
-    warm_up()
+    for name in sys.argv[1:]:
+        warm_up(name)

@@ -77,6 +77,7 @@ def run(
     from granfabric.cases.terminal.early_kernels import early_kernels
 
     with early_kernels() as kernels:
+        from granfabric.cases.scene import build
         from granfabric.cases.scene.reader import load
         from granfabric.cases.terminal.screen import Screen
 
@@ -86,6 +87,7 @@ def run(
         given, screen = list(assignments or []), Screen()
         loaded = load(scene, given)
         loaded.require("field")
+        kernels.start(build.kernels(loaded))
         accuracy_report.announce(loaded, screen)
         record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels)
         while upgrade and record.outcome == "finished" and record.details.get("upgrade"):

@@ -27,7 +27,6 @@ from granfabric.cases.terminal.compile_watch import CompileWatch, watching
 from granfabric.cases.terminal.early_kernels import EarlyKernels
 from granfabric.cases.terminal.interruption import stop_wish
 from granfabric.cases.terminal.screen import Screen, spread
-from granfabric.constitutive import warm_up as constitutive_warm_up
 from granfabric.fem import warm_up as fem_warm_up
 from granfabric.fem.equilibrium.checkpoint import Checkpoint, CheckpointError, CheckpointFolder
 from granfabric.fem.equilibrium.control import ControlError
@@ -35,7 +34,7 @@ from granfabric.fem.equilibrium.results import RunSummary, StepResult
 from granfabric.fem.equilibrium.stepping import solve
 from granfabric.fem.output.fields import OutputError
 
-COMPILATION_SECONDS = 60
+COMPILATION_SECONDS = 12
 """Rough time to compile the kernels of law and host on two cores, for the message on first use."""
 
 
@@ -188,11 +187,10 @@ def _last_checkpoint(checkpoints: CheckpointFolder, earlier: dict[str, Any], scr
 
 
 def _compile(kernels: EarlyKernels | None, watch: CompileWatch, stop: Callable[[], bool], pictures: bool) -> float:
-    """Share compiling with the other process, then the host's kernels; seconds spent waiting for the other."""
+    """Compile the host's kernels while the other process compiles the law's; seconds spent waiting for the other."""
     if kernels is None or not kernels.running:
         return 0.0
     watch.announce()
-    constitutive_warm_up.compile_late(lambda: kernels.running and not stop())
     fem_warm_up.warm_up()
     if pictures:  # imported now, it costs no time later
         import_module("granfabric.cases.pictures.field")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from granfabric.constitutive import warm_up
 from granfabric.constitutive.effects import Effects
 from granfabric.constitutive.law import ContactLaw
 from granfabric.constitutive.parameters import Closure, Integration, Material, ParameterError
@@ -39,3 +40,10 @@ def law(loaded: LoadedScene, effects: Effects) -> ContactLaw:
         )
     except ParameterError as error:
         raise loaded.error(["material"], str(error)) from error
+
+
+def kernels(loaded: LoadedScene) -> list[str]:
+    """Names of the compiled kernels that a run of the scene calls first, see `warm_up`."""
+    choice = everything(loaded.scene)
+    closure = Closure(**{**loaded.scene.closure.model_dump(), "force_change": choice.force_change})
+    return [warm_up.kernel_of(closure, choice.effects)]

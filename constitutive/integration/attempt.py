@@ -61,6 +61,8 @@ class Block(NamedTuple):
     """1 where the state at the end of the increment has been found."""
     point_of: np.ndarray
     """Point in each lane (lanes,); -1 if none."""
+    material: np.ndarray
+    """Material whose numbers a lane holds (lanes,); -1 if none."""
     last: np.ndarray
     """Whether the substep is the last one of its increment (lanes,)."""
 
@@ -88,13 +90,14 @@ def new_block(width):
         np.zeros((1, width)),
         np.zeros((1, width)),
         np.full(width, -1),
+        np.full(width, -1),
         np.zeros(width, dtype=np.bool_),
     )
 
 
 @formula
 def attempt_substep(
-    block, scheme, tolerance, point, given, stressed, flow, here, closure, options, slide, rule, lanes
+    block, scheme, tolerance, point, given, stressed, flow, here, final, closure, options, slide, rule, lanes
 ):
     """All stages of one substep from `block.y` over `block.step`; leaves its end in `block.trial`.
 
@@ -107,6 +110,8 @@ def attempt_substep(
     flow : Flow
     here : Network
         At the start.
+    final : bool
+        The increment ends with this substep in every lane, if it is accepted.
     point, given, stressed, closure, options, slide, rule, lanes :
         As in `stage.stage`.
 
@@ -135,8 +140,9 @@ def attempt_substep(
         i = 1
     while i < stages:
         implicit = a[i, i] != 0.0
-        # a stage that only estimates the error needs no derivatives, unless the next substep starts from it
-        differentiate = options.derivatives and (slide is None or b[i] != 0.0 or i < stages - 1)
+        # a stage that only estimates the error needs no derivatives, unless another substep starts from it
+        needed = b[i] != 0.0 or i < stages - 1 or (slide is None and not final)
+        differentiate = options.derivatives and needed
         if implicit and passes == 0:
             solving = everywhere
             for row in range(rows):

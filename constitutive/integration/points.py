@@ -28,6 +28,7 @@ from granfabric.constitutive.network.point import (
     load,
     put_stiffness_of,
     reference_of,
+    take_material,
     take_point,
 )
 from granfabric.constitutive.sliding.cone import plastic_shear_strain
@@ -128,6 +129,9 @@ def increment_of(inputs, options, lanes):
 def take_next(call, block, lane, point, options, tangent_kind, slide):
     """Take a point into a lane; its status, and whether there is anything to advance."""
     inputs, par = block.inputs, call.table[call.material_index[point]]
+    if block.material[lane] != call.material_index[point]:
+        take_material(inputs, lane, par)
+        block.material[lane] = call.material_index[point]
     outcome = take_point(
         inputs, lane, point, call.given, call.stress_start, call.state_start, par, call.micro_of_column
     )
@@ -198,6 +202,7 @@ def split_changes(first, end, call, block, closure, options, rule, lanes):
         for lane in range(width):
             point = min(start + lane, end - 1)
             par = call.table[call.material_index[point]]
+            take_material(block.inputs, lane, par)
             take_point(
                 block.inputs, lane, point, call.given, call.stress_start, call.state_start, par,
                 call.micro_of_column,
@@ -320,7 +325,7 @@ def go_on(block, lane, point, last, call, numerics, slide):
 
 
 @formula
-def accept(block, flow, here, network, next_flow, closure, options, b, slide, lanes):
+def accept(block, flow, here, network, next_flow, final, closure, options, b, slide, lanes):
     """Move the accepted lanes to the end of their substep."""
     accepted = read(block.accepted, 0, lanes) > 0.5
     step = choose(accepted, read(block.step, 0, lanes), 0.0)
@@ -335,9 +340,12 @@ def accept(block, flow, here, network, next_flow, closure, options, b, slide, la
             total = read(block.sums, row, lanes)
             write(block.sums, row, choose(accepted, total + more[i], total), lanes)
     if slide is None:
-        last = (b.shape[0] - 1) * RATES
-        for row in range(RATES):
-            write(block.k, row, choose(accepted, read(block.k, last + row, lanes), read(block.k, row, lanes)), lanes)
+        if not final:
+            # the rates of the last stage are the first ones of the next substep
+            last = (b.shape[0] - 1) * RATES
+            for row in range(RATES):
+                rate = choose(accepted, read(block.k, last + row, lanes), read(block.k, row, lanes))
+                write(block.k, row, rate, lanes)
     else:
         accept_sliding(slide, accepted, step, b, block.sums, 6, lanes)
     largest = remember(closure, block.y, accepted, flow.largest, options.derivatives, options.rotation, lanes)
@@ -411,12 +419,14 @@ def advance_points(first, end, lanes, block, call, closure, options, numerics, s
             begin(block, stress, unknowns(closure, point, stress, micro), fresh, lanes)
             if active == 0:
                 break
+        final = True
         for lane in range(width):
             if point_of[lane] >= 0:
                 last[lane] = plan(block, lane, point_of[lane], call, numerics, slide)
+                final = final and last[lane]
         stressed, given = stressed_components(block.inputs, lanes), increment_of(block.inputs, options, lanes)
         network, stiffness, next_flow = attempt_substep(
-            block, (a, b), tolerance, point, given, stressed, flow, here, closure, options, slide, rule, lanes
+            block, (a, b), tolerance, point, given, stressed, flow, here, final, closure, options, slide, rule, lanes
         )
         estimate_error(
             block, closure, error, numerics.tolerance, here.z, stiffness, options.mixed, point.floor, slide, lanes
@@ -427,7 +437,7 @@ def advance_points(first, end, lanes, block, call, closure, options, numerics, s
             if point_of[lane] >= 0:
                 judge(block, lane, point_of[lane], last[lane], call, options, numerics, slide)
                 arrived = arrived or (last[lane] and block.accepted[0, lane] > 0.5)
-        flow, here = accept(block, flow, here, network, next_flow, closure, options, b, slide, lanes)
+        flow, here = accept(block, flow, here, network, next_flow, final, closure, options, b, slide, lanes)
         if arrived:
             finish(block, point, flow, here, closure, options, slide, rule, lanes)
         for lane in range(width):

@@ -151,6 +151,13 @@ def fill_idle(inputs):
 
 
 @formula
+def take_material(inputs, lane, par):
+    """Copy a row of the table of materials into a lane."""
+    for entry in range(PARAMETERS):
+        inputs[IN_PARAMETERS + entry, lane] = par[entry]
+
+
+@formula
 def take_point(inputs, lane, point, given, stress_start, state_start, par, micro_of_column):
     """Copy a point into a lane; rows of the micro-state that the law has no column for stay zero.
 
@@ -164,8 +171,6 @@ def take_point(inputs, lane, point, given, stress_start, state_start, par, micro
         value = state_start[point, i]
         finite = finite & (abs(value) < math.inf)
         inputs[micro_of_column[i], lane] = value
-    for entry in range(PARAMETERS):
-        inputs[IN_PARAMETERS + entry, lane] = par[entry]
     for i in range(3):
         finite = finite & (abs(given[point, i]) < math.inf) & (abs(stress_start[point, i]) < math.inf)
         inputs[IN_STRESS + i, lane] = stress_start[point, i]
