@@ -20,13 +20,11 @@ from granfabric.constitutive.integration.points import (
 )
 from granfabric.constitutive.integration.runge_kutta import TABLEAUS, ending_at_the_end
 from granfabric.constitutive.lanes.eight import LANES_OF_KERNELS
-from granfabric.constitutive.network.at_rest import AtRest
 from granfabric.constitutive.network.force_fabric import initial_force_fabric
 from granfabric.constitutive.network.point import Options
 from granfabric.constitutive.network.rates import MeanField
 from granfabric.constitutive.network.weak_force_state import ShiftedDistribution
 from granfabric.constitutive.sliding.checks import check_sliding, initial_hardening
-from granfabric.constitutive.sliding.slide import SLIDE
 
 from .contract import Array, LawDescription, TangentKind, UpdateReport
 from .effects import Effects
@@ -108,6 +106,7 @@ class ContactLaw:
             feedback=follow,
             isostatic=self.closure.shear_stiffness == "isostatic",
             limited=not entropy and not shifted,
+            sliding=self.effects.sliding,
             mixed=False,
             derivatives=False,
         )
@@ -121,12 +120,10 @@ class ContactLaw:
         nodes, weights = np.polynomial.legendre.leggauss(self.integration.directions)
         self._rule = (nodes, weights, np.cos(circle), np.sin(circle), np.cos(half))
 
-    def _closure_of_kernels(self, entropy: bool) -> AtRest | MeanField | ShiftedDistribution:
-        """Numbers of the closure, of the type for which a kernel is compiled; none for a network that cannot change."""
+    def _closure_of_kernels(self, entropy: bool) -> MeanField | ShiftedDistribution:
+        """Numbers of the closure, of the type for which a kernel is compiled."""
         closure = self.closure
-        if not self.effects.network_changes:
-            return AtRest(0.0)
-        if closure.force_change == "shifted_distribution":
+        if closure.force_change == "shifted_distribution" and self.effects.network_changes:
             return ShiftedDistribution(
                 frictional=closure.tangential_rule == "frictional",
                 chi=float(closure.weak_contact_ratio),
@@ -138,11 +135,12 @@ class ContactLaw:
                 slip=float(closure.slip),
                 delay=float(closure.slip_delay),
             )
-        scattered = closure.force_change == "fluctuating"
+        # a network that cannot change needs no more than a closure without loss and gain
+        scattered = closure.force_change == "fluctuating" and self.effects.network_changes
         return MeanField(
             loss=self.effects.contact_loss,
             gain=self.effects.contact_gain,
-            self_consistent=closure.tangential_rule == "self_consistent",
+            self_consistent=closure.tangential_rule == "self_consistent" and self.effects.network_changes,
             entropy=entropy,
             closed_form=self.integration.arc_integration == "closed_form",
             scattered=scattered,
@@ -383,7 +381,6 @@ class ContactLaw:
             ),
             (self._tableau.a, self._tableau.b, self._tableau.error),
             self._rule,
-            np.zeros(1, dtype=SLIDE) if self.effects.sliding else None,
         )
         run_in_threads(update_points, npt, arguments)
         factor = smallest_step_factor(status, counts, _COMFORTABLE_SUBSTEPS)

@@ -1,11 +1,12 @@
 """Compile a law's kernels ahead of their first use: ``python -m granfabric.constitutive.warm_up KERNEL ...``.
 
-A kernel is named by the closure it is for, with ``+sliding`` if points may slide: ``shifted_distribution+sliding``,
-``mean_field``, ``at_rest``. A host that prepares its own part meanwhile finds them in the disk cache.
+A kernel is named by the closure it is for: ``mean_field`` (which does for "fluctuating" and for a network at rest as
+well) or ``shifted_distribution``. A host that prepares its own part meanwhile finds them in the disk cache.
 """
 
 from __future__ import annotations
 
+import gc
 import sys
 
 import numpy as np
@@ -13,30 +14,18 @@ import numpy as np
 from .compilation import cache_directory
 from .effects import Effects
 from .law import ContactLaw
-from .parameters import Closure, Material
+from .parameters import Closure, ForceChange, Material
 
-SLIDING = "+sliding"
-AT_REST = "at_rest"
-FAMILIES = {"mean_field": "mean_field", "fluctuating": "mean_field", "shifted_distribution": "shifted_distribution"}
-"""Force changes, and the one for which their kernel is named."""
+KERNELS: tuple[ForceChange, ...] = ("mean_field", "shifted_distribution")
 
 
-def kernel_of(closure: Closure, effects: Effects) -> str:
+def kernel_of(closure: Closure, effects: Effects) -> ForceChange:
     """Name of the kernel that a law with this closure and these effects calls."""
-    family = FAMILIES[closure.force_change] if effects.network_changes else AT_REST
-    return family + (SLIDING if effects.sliding else "")
-
-
-def _law(kernel: str) -> ContactLaw:
-    family, sliding = kernel.removesuffix(SLIDING), kernel.endswith(SLIDING)
-    moving = family != AT_REST
-    closure = Closure(force_change=family) if moving else Closure()  # type: ignore[arg-type]
-    effects = Effects(contact_loss=moving, contact_gain=moving, sliding=sliding)
-    return ContactLaw([Material(coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9)], closure, effects)
+    return KERNELS[closure.force_change == "shifted_distribution" and effects.network_changes]
 
 
 def _marker(kernel: str) -> str:
-    return f"{kernel.replace('+', '-')}.compiled"
+    return f"{kernel}.compiled"
 
 
 def cached(kernel: str) -> bool:
@@ -46,7 +35,8 @@ def cached(kernel: str) -> bool:
 
 def warm_up(kernel: str) -> None:
     """Update one point by a strain increment with its tangent."""
-    law = _law(kernel)
+    closure = Closure(force_change=kernel)  # type: ignore[arg-type]
+    law = ContactLaw([Material(coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9)], closure)
     stress = np.array([[-1e5, -1e5, 0.0]])
     state = law.initial_state(stress)
     increment = np.array([[1e-7, -1e-7, 0.0]])
@@ -57,5 +47,6 @@ def warm_up(kernel: str) -> None:
 
 
 if __name__ == "__main__":
+    gc.disable()  # a process that ends soon, and a twentieth of whose time it would take
     for name in sys.argv[1:]:
         warm_up(name)

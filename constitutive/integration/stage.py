@@ -70,8 +70,8 @@ def stage(number, trial, k, point, given, stressed, largest, guess, known, here,
         Whether derivatives are wanted.
     deciding : bool
         The stage is the first of its substep.
-    slide : record or None
-        See `sliding.slide`.
+    slide : record
+        See `sliding.slide`; read if points may slide.
     rule : tuple
         Gauss-Legendre nodes and weights, cosines and sines of the circle, cosines of half of it.
     lanes : tuple
@@ -119,7 +119,7 @@ def stage(number, trial, k, point, given, stressed, largest, guess, known, here,
         write(k, first + STRAIN, tension[0], lanes)
         write(k, first + STRAIN + 1, tension[1], lanes)
         write(k, first + STRAIN + 2, tension[2], lanes)
-    if slide is not None:
+    if options.sliding:
         row = first + STRAIN
         rate, outcome = sliding_rates(
             number, deciding, (p, t1, t2), rate, stiffness, stressed, options.mixed, outcome, slide, k, row, lanes
@@ -165,7 +165,7 @@ def stage(number, trial, k, point, given, stressed, largest, guess, known, here,
             r_p, r_1, r_2 = stress_rate(stiffness, o_v, o_1, o_2)
             x_p, x_1, x_2 = stress_rate_change(stiffening, strain[0], strain[1], strain[2])
             r_p, r_1, r_2 = r_p + x_p, r_1 + x_1, r_2 + x_2
-            if slide is not None:
+            if options.sliding:
                 r_p, r_1, r_2 = sliding_changes(
                     number, column, (p, t1, t2), (tp, u1, u2), (r_p, r_1, r_2),
                     stiffness, stiffening, outcome, slide, lanes,

@@ -49,7 +49,7 @@ def _raised(measure, new):
 
 
 @formula
-def estimate_error(block, closure, error, tolerance, z, stiffness, mixed, floor, slide, lanes):
+def estimate_error(block, closure, error, tolerance, z, stiffness, options, floor, slide, lanes):
     """Error of the substep in units of the tolerance (stress relative to p, z relative, a_c absolute), and its status.
 
     Where stress is given, the strain is what is asked for: its error counts as the stress that belongs to it. In a
@@ -66,13 +66,12 @@ def estimate_error(block, closure, error, tolerance, z, stiffness, mixed, floor,
     z : float
         Coordination number at the start.
     stiffness : tuple of 5
-    mixed : bool
-        Whether stress may be given.
+    options : Options
     floor : float
         Least pressure.
-    slide : record or None
+    slide : record
     """
-    y, trial, k, step, worst = block.y, block.trial, block.k, read(block.step, 0, lanes), read(block.worst, 0, lanes)
+    y, trial, k, step, worst = block["y"], block["trial"], block["k"], read(block["step"], 0, lanes), read(block["worst"], 0, lanes)
     p, end = read(y, 0, lanes), read(trial, 0, lanes)
     e_p, e_1, e_2 = summed(k, 0, step, error, lanes)
     e_x, e_y, e_z = summed(k, 3, step, error, lanes)
@@ -85,13 +84,13 @@ def estimate_error(block, closure, error, tolerance, z, stiffness, mixed, floor,
     unit = 1.0 / (tolerance * other)
     measure = _raised(measure, abs(e_y) * unit)
     measure = _raised(measure, abs(e_z) * unit)
-    if mixed:
+    if options.mixed:
         xx, yy, xy = summed(k, STRAIN, step, error, lanes)
         v, e1, e2 = strain_invariants(xx, yy, xy)
         e_p, e_1, e_2 = stress_rate(stiffness, v, e1, e2)
         xx, yy, xy = components(e_p, e_1, e_2)
         pressure = p
-        if slide is not None:
+        if options.sliding:
             more = 2.0 * stiffness[0] * (read(slide["reference"], 0, lanes) + read(slide["kappa"], 0, lanes))
             pressure = choose(read(slide["slides"], 0, lanes) > 0.5, p + more, p)
         unit = 1.0 / (tolerance * pressure)
@@ -107,15 +106,15 @@ def estimate_error(block, closure, error, tolerance, z, stiffness, mixed, floor,
     # so that the next substep is shorter by this factor, for an estimate of order two
     change = change * change * change
     measure = choose((measure > change) | (change <= 1.0), measure, change)
-    if slide is not None:
+    if options.sliding:
         measure = _raised(measure, kappa_error(slide, step, error, lanes) / tolerance)
     fine = worst <= _LIMITED
     if direct:
         inside = (u0 > SMALLEST_COORDINATION) & (u1 * u1 + u2 * u2 < 4.0)
         worst = choose(fine, choose(inside, worst, _NOT_ADMISSIBLE), worst)
     worst = choose(fine, choose(measure < math.inf, worst, _NOT_ADMISSIBLE), worst)
-    write(block.measure, 0, measure, lanes)
-    write(block.worst, 0, choose(fine, choose(end > floor, worst, _NO_PRESSURE), worst), lanes)
+    write(block["measure"], 0, measure, lanes)
+    write(block["worst"], 0, choose(fine, choose(end > floor, worst, _NO_PRESSURE), worst), lanes)
 
 
 @formula

@@ -74,6 +74,8 @@ class _DecisionsModel(models.PrimitiveModel):
 
 def _repeated(builder: Any, value: Any) -> Any:
     """The number in all eight lanes."""
+    if isinstance(value, ir.Constant) and isinstance(value.constant, float):
+        return ir.Constant(_EIGHT_DOUBLES, [value.constant] * WIDTH)
     first = builder.insert_element(ir.Constant(_EIGHT_DOUBLES, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
     zeros = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
     return builder.shuffle_vector(first, ir.Constant(_EIGHT_DOUBLES, ir.Undefined), zeros)

@@ -117,6 +117,7 @@ class Options(NamedTuple):
     isostatic: bool
     limited: bool
     """Beyond |a_c| = 1 the density is clipped: the harmonic one."""
+    sliding: bool
     mixed: bool
     """Stress may be given."""
     derivatives: bool
@@ -137,7 +138,7 @@ class Micro(NamedTuple):
 
 
 @formula
-def fill_idle(inputs):
+def fill_at_rest(inputs):
     """Numbers for lanes that have not held a point yet: a state at rest, from which nothing can fail or overflow."""
     for row in range(inputs.shape[0]):
         for lane in range(inputs.shape[1]):

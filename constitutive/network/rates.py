@@ -158,6 +158,10 @@ def _change(closure, d, v1, v2, a1, a2, n1, n2, g, p0, sigma, with_derivatives, 
     """Loss and gain, by closed form where there is one."""
     everywhere = closure.scattered or closure.entropy or not closure.closed_form
     loss, gain = closure.loss, closure.gain
+    if not (loss or gain):
+        zero = 0.0 * d
+        none, nowhere = (zero, zero, zero), (zero, zero, zero, zero, zero, zero)
+        return none, none, nowhere, nowhere, nowhere, none
     if everywhere:
         return quadrature_change(
             d, v1, v2, a1, a2, n1, n2, g, p0, loss, gain,
@@ -188,6 +192,9 @@ def rate_changes(closure, point, stress, rate, network, strain, partials, change
     own : tuple of 2
         Of the deviatoric strain rate itself.
     """
+    if not (closure.loss or closure.gain):
+        zero = 0.0 * rate[0]
+        return zero, zero, zero
     (net0, net1, net2), gain, by_v, by_a, by_n, by_sigma, inverse, more = partials
     n1, n2, limit, force, room, share, sigma, deviator = more
     tz, t1, t2 = change

@@ -91,7 +91,7 @@ def test_a_network_at_rest_needs_neither_parameters_nor_closure_numbers() -> Non
         clean = ContactLaw([PACKING], closure, effects)
         dirty = poisoned(ContactLaw([PACKING], closure, effects), OWN_PARAMETERS["contact_loss"])
         dirty = poisoned(dirty, OWN_PARAMETERS["contact_gain"])
-        dirty._kernel_closure = dirty._kernel_closure._replace(unused=np.nan)
+        dirty._kernel_closure = dirty._kernel_closure._replace(chi=np.nan, c_w=np.nan)
         assert went(clean) == went(dirty)
 
 
@@ -158,10 +158,8 @@ for module, name in stubs:
     replaced.append(module + " " + name)
 print(json.dumps({"same": outcome() == free, "replaced": replaced, "called": sorted(called)}))
 """
-MEAN_FIELD_ONLY = [
-    *(("network.rates", "rates"), ("network.rates", "rate_changes")),
-    ("network.contact_change", "closed_form_change"),
-]
+CHANGES = [("network.contact_change", "closed_form_change"), ("network.quadrature_change", "quadrature_change")]
+MEAN_FIELD_ONLY = [("network.rates", "rates"), ("network.rates", "rate_changes"), *CHANGES]
 WEAK_FORCES = [
     *(("network.weak_force_state", name) for name in ("network_at", "rates", "rate_changes", "remember", "leave", "split")),
     *(("network.weak_forces", "negative_part"), ("network.weak_forces", "positive_part")),
@@ -175,7 +173,7 @@ CASES = {
     "no network": (
         ["contact_loss", "contact_gain"],
         "shifted_distribution",
-        MEAN_FIELD_ONLY + WEAK_FORCES + GAIN + LOSS,
+        CHANGES + WEAK_FORCES + GAIN + LOSS,
     ),
     "memory": ([], "shifted_distribution", MEAN_FIELD_ONLY + GAIN + LOSS),
 }
