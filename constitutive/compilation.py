@@ -20,7 +20,6 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase
 from numba.core.compiler_machinery import PassManager
 from numba.core.typed_passes import (
-    IRLegalization,
     NativeLowering,
     NoPythonBackend,
     NopythonTypeInference,
@@ -85,7 +84,7 @@ class _FormulaCompiler(CompilerBase):
         steps.add_pass(ReconstructSSA, "a name for each value")
         steps.add_pass(NopythonTypeInference, "types")
         steps.add_pass(PreLowerStripPhis, "values at joints")
-        steps.add_pass(IRLegalization, "legality")
+        # nothing is deleted on the way: there are numbers only, and a deletion of a tuple would clear its memory
         steps.add_pass(NativeLowering, "machine-independent code")
         steps.add_pass(NoPythonBackend, "result")
         steps.finalize()
@@ -95,6 +94,7 @@ class _FormulaCompiler(CompilerBase):
 FORMULA_OPTIONS: dict[str, Any] = {
     "pipeline_class": _FormulaCompiler,
     "no_cfunc_wrapper": True,
+    "forceinline": True,
     "fastmath": {"contract"},
     "error_model": "numpy",
     "no_cpython_wrapper": True,

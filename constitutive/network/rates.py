@@ -22,7 +22,7 @@ from .point import Network
 from .quadrature_change import quadrature_change
 
 MOST_ITERATIONS = 60
-STEP_TOLERANCE = 1e-8
+STEP_TOLERANCE = 1e-10
 """Newton step of da_c that is the last one: what it leaves is of its square."""
 
 
