@@ -407,8 +407,8 @@ def advance_points(first, end, lanes, block, call, closure, options, numerics, s
     flow = Flow(largest, zero, zero, zero, zero)
     following, active = first, 0
     while following < end or active > 0:
-        if following < end and 2 * active <= width:
-            # lanes without a point take the next ones, once they are half of all
+        if following < end and active <= max(width - 2, 0):
+            # lanes without a point take the next ones, two at a time or more: that costs as much as a stage
             for lane in range(width):
                 while point_of[lane] < 0 and following < end:
                     if take_next(call, block, lane, following, options, kind, slide):

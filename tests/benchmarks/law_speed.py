@@ -3,7 +3,7 @@
     NUMBA_NUM_THREADS=1 python tests/benchmarks/law_speed.py OTHER_CHECKOUT [--points N] [--rounds N] [ROW ...]
 
 Microseconds a point and update with tangent, medians over the rounds: strain increments of size 1e-6 and 1e-5 from the
-initial state, and of 1e-5 after eight of them; random points up to q/p = 0.4 at kn/p = 1e4, tolerance 1e-6, one thread.
+initial state, and of 1e-5 after four of 5e-6; random points up to q/p = 0.4 at kn/p = 1e4, tolerance 1e-6, one thread.
 The other checkout may be one in which the rooms lie directly on the path. In each round every row is timed in one
 process right after the other, so that whatever else the machine does falls on both alike. Without a checkout, this
 build alone.
@@ -27,7 +27,7 @@ import numpy as np
 
 HERE = Path(__file__).resolve().parents[2]
 COLUMNS = ("1e-6", "1e-5", "1e-5 later")
-HISTORY = 8
+HISTORY = 4
 
 
 def room(name: str):
@@ -75,7 +75,7 @@ class Row:
         direction = rng.uniform(-1.0, 1.0, (number, 3))
         self.starts += [(1e-6 * direction, stress, state), (1e-5 * direction, stress, state)]
         for _ in range(HISTORY):
-            increment = 1e-5 * (direction + 0.3 * rng.uniform(-1.0, 1.0, (number, 3)))
+            increment = 5e-6 * (direction + 0.3 * rng.uniform(-1.0, 1.0, (number, 3)))
             end, after = np.zeros_like(stress), np.zeros_like(state)
             law.update(increment, stress, state, end, after)
             stress, state = end, after
