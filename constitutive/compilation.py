@@ -69,7 +69,7 @@ class _FormulaLibrary(JITCodeLibrary):
 
 
 class _FormulaCompiler(CompilerBase):
-    """The few steps that plain functions of numbers need, with a library of that kind: half of the time of the usual ones."""
+    """The few steps that plain functions of numbers need, with a library of that kind."""
 
     def define_pipelines(self) -> Any:
         codegen = self.state.targetctx.codegen()

@@ -9,9 +9,10 @@
 
 import math
 
+from granfabric.constitutive.lanes.eight import choose, somewhere
+from granfabric.constitutive.lanes.elementary import exponential, larger
+
 from .compilation import formula
-from .lanes.eight import choose, somewhere
-from .lanes.elementary import exponential, larger
 
 
 @formula

@@ -8,16 +8,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from granfabric.constitutive.integration.points import (
+from granfabric.constitutive.integration.lane import (
     TANGENT_CONTINUUM,
     TANGENT_ELASTIC,
     TANGENT_NONE,
     TANGENT_PROPAGATED,
     Call,
     Numerics,
-    smallest_step_factor,
-    update_points,
 )
+from granfabric.constitutive.integration.points import smallest_step_factor, update_points
 from granfabric.constitutive.integration.runge_kutta import TABLEAUS, ending_at_the_end
 from granfabric.constitutive.lanes.eight import LANES_OF_KERNELS
 from granfabric.constitutive.network.force_fabric import initial_force_fabric
@@ -114,9 +113,11 @@ class ContactLaw:
         tableau = TABLEAUS[self.integration.integrator]
         # the return to the cone moves the end of a substep, so that nothing is gained by a stage there
         self._tableau = tableau if self.effects.sliding else ending_at_the_end(tableau)
-        around = max(12, self.integration.directions // 2)
-        circle = 2.0 * np.pi * np.arange(max(8, self.integration.directions // 2)) / max(8, self.integration.directions // 2)
-        half = np.pi * (np.arange((around + 1) // 2) + 0.5) / ((around + 1) // 2)
+        # equally spaced over the circle, and over half of it: there twelve of the whole circle at least
+        around = max(8, self.integration.directions // 2)
+        circle = 2.0 * np.pi * np.arange(around) / around
+        along = (max(12, around) + 1) // 2
+        half = np.pi * (np.arange(along) + 0.5) / along
         nodes, weights = np.polynomial.legendre.leggauss(self.integration.directions)
         self._rule = (nodes, weights, np.cos(circle), np.sin(circle), np.cos(half))
 

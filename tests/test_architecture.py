@@ -16,7 +16,7 @@ ROOMS = ("constitutive", "fem", "dem_ref", "cases")
 FRONT = "granfabric"
 
 ALLOWED: dict[str, set[str]] = {
-    "constitutive": {"numpy", "numba"},
+    "constitutive": {"numpy", "numba", "llvmlite"},
     "fem": {
         "numpy",
         "numba",
@@ -37,8 +37,9 @@ ALLOWED: dict[str, set[str]] = {
 
 FLOORS: dict[str, tuple[str, ...]] = {
     "constitutive": (
-        *("compilation", "contract", "threads", "effects", "fabric", "stiffness", "parameters"),
-        *("lanes", "network", "sliding", "integration", "state", "law", "path", "plain_laws", "warm_up"),
+        *("compilation", "contract", "threads", "effects", "material_table", "parameters", "lanes", "fabric"),
+        *("stiffness", "mixed_control", "network", "sliding", "integration", "state", "law", "path", "plain_laws"),
+        "warm_up",
     ),
     "fem": (
         *("accounting", "vectors", "mesh", "linear_solvers", "discretisation", "loads", "equilibrium", "output"),

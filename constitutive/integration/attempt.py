@@ -119,7 +119,8 @@ def attempt_substep(
                 )
             slot, other, _ = measures(closure, read(y, 0, lanes), here.z)
             unsettled = improve_stage(
-                k, i, SPARE, block["before"], step, a[i, i], tolerance, read(y, 0, lanes), slot, other,
+                k, i, SPARE, block["before"], step, a[i, i], tolerance,
+                (read(y, 0, lanes), slot, other),
                 solving, settled, passes == 1, differentiate, lanes,
             )
             unsettled = unsettled & (outcome <= _LIMITED)

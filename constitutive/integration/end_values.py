@@ -1,4 +1,4 @@
-"""End values of a point: a_n, a_t, f from their exact differentials, what was gained and lost, what the closure leaves."""
+"""End values of a point: a_n, a_t, f from their exact differentials, what was gained and lost, what closures leave."""
 
 from granfabric.constitutive.compilation import formula
 from granfabric.constitutive.lanes.eight import read, write

@@ -28,7 +28,9 @@ ROUNDING_OF_DERIVATIVES = 1e-12
 
 
 @formula
-def improve_stage(k, number, new, before, step, diagonal, tolerance, p, slot, other, solving, settled, first, derivatives, lanes):
+def improve_stage(
+    k, number, new, before, step, diagonal, tolerance, scales, solving, settled, first, derivatives, lanes
+):
     """Compare the rates just evaluated with those they were evaluated for; take the next iterate where they differ.
 
     Parameters
@@ -43,8 +45,8 @@ def improve_stage(k, number, new, before, step, diagonal, tolerance, p, slot, ot
         h, and a_ii of the scheme.
     tolerance : float
         Largest error of the stage's state (stress over p, z relative, a_c), and relative one of the derivatives.
-    p, slot, other : float
-        By what stress and the closure's unknowns are measured.
+    scales : tuple of 3
+        By what stress and the closure's unknowns (the first, the other two) are measured.
     solving : bool
         Lanes whose iteration is under way.
     settled : bool
@@ -58,6 +60,7 @@ def improve_stage(k, number, new, before, step, diagonal, tolerance, p, slot, ot
     bool
         Lanes that are not settled.
     """
+    p, slot, other = scales
     blocks = 1 + COLUMNS if derivatives else 1
     for block in range(blocks):
         offset = block * UNKNOWNS

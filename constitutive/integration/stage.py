@@ -42,7 +42,10 @@ def stiffness_at(point, network, feedback):
 
 
 @formula
-def stage(number, trial, k, point, given, stressed, largest, guess, known, here, closure, options, differentiate, deciding, slide, rule, lanes):
+def stage(
+    number, trial, k, point, given, stressed, largest, guess, known, here,
+    closure, options, differentiate, deciding, slide, rule, lanes,
+):  # fmt: skip
     """Rates at the state in `trial`, written into the rows of stage `number` of `k`.
 
     Parameters

@@ -71,7 +71,8 @@ def estimate_error(block, closure, error, tolerance, z, stiffness, options, floo
         Least pressure.
     slide : record
     """
-    y, trial, k, step, worst = block["y"], block["trial"], block["k"], read(block["step"], 0, lanes), read(block["worst"], 0, lanes)
+    y, trial, k = block["y"], block["trial"], block["k"]
+    step, worst = read(block["step"], 0, lanes), read(block["worst"], 0, lanes)
     p, end = read(y, 0, lanes), read(trial, 0, lanes)
     e_p, e_1, e_2 = summed(k, 0, step, error, lanes)
     e_x, e_y, e_z = summed(k, 3, step, error, lanes)

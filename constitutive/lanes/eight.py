@@ -6,8 +6,8 @@ numbers decide, the decision has to be a `choose` between two results instead of
 decide one way and some the other. Called with ordinary numbers, by the interpreter or compiled, the same functions work
 on one point.
 
-Lane i of a result depends on lane i of the arguments alone, by IEEE arithmetic: a point's result is the same to the last
-bit in whichever lane it lies and whatever the others hold.
+Lane i of a result depends on lane i of the arguments alone, by IEEE arithmetic: a point's result is the same to the
+last bit in whichever lane it lies and whatever the others hold.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ class Eight(types.Type):
     def __init__(self) -> None:
         super().__init__(name="Eight")
 
-    def can_convert_from(self, typingctx: Any, other: types.Type) -> Any:  # noqa: D102
+    def can_convert_from(self, typingctx: Any, other: types.Type) -> Any:
         return Conversion.promote if isinstance(other, (types.Float, types.Integer)) else None
 
-    def unify(self, typingctx: Any, other: types.Type) -> Any:  # noqa: D102
+    def unify(self, typingctx: Any, other: types.Type) -> Any:
         return self if isinstance(other, (types.Float, types.Integer)) else None
 
 
@@ -96,9 +96,9 @@ def _declare(function: Any, number: int, of: type, result: types.Type, emit: Cal
         key = function
 
         def generic(self, args: Any, kws: Any) -> Any:
-            if len(args) == number and any(isinstance(arg, of) for arg in args):
-                if all(isinstance(arg, (of, *others)) for arg in args):
-                    return signature(result, *([operand] * number))
+            legal = len(args) == number and all(isinstance(arg, (of, *others)) for arg in args)
+            if legal and any(isinstance(arg, of) for arg in args):
+                return signature(result, *([operand] * number))
             return None
 
     infer_global(function)(Template)

@@ -141,7 +141,7 @@ def rates(closure, point, stress, rate, network, guess, strain, with_derivatives
     lost = (z * less0, 2.0 * p0 * loss[1] - a1 * less0, 2.0 * p0 * loss[2] - a2 * less0)
     net = (gained[0] - lost[0], gained[1] - lost[1], gained[2] - lost[2])
     partials = (
-        (net0, net1, net2),
+        net0,
         gain,
         by_v,
         by_a,
@@ -195,7 +195,7 @@ def rate_changes(closure, point, stress, rate, network, strain, partials, change
     if not (closure.loss or closure.gain):
         zero = 0.0 * rate[0]
         return zero, zero, zero
-    (net0, net1, net2), gain, by_v, by_a, by_n, by_sigma, inverse, more = partials
+    net0, gain, by_v, by_a, by_n, by_sigma, inverse, more = partials
     n1, n2, limit, force, room, share, sigma, deviator = more
     tz, t1, t2 = change
     relative, u1, u2 = stress_change

@@ -153,7 +153,7 @@ def measures(closure, p, z):
 
 @formula
 def remember(closure, y, accepted, largest, derivatives, rotation, lanes):
-    """S_i and the largest |s| at the end of an accepted substep, with the derivatives of S_i where it is the largest."""
+    """S_i and the largest |s| at the end of an accepted substep; derivatives of S_i where |s| is at its largest."""
     inverse = 1.0 / read(y, 0, lanes)
     turns = 1.0 if rotation else 0.0
     s1, s2 = read(y, 1, lanes) * inverse, turns * read(y, 2, lanes) * inverse
@@ -200,7 +200,7 @@ def split(closure, inputs, ends, options, rule, lanes):
     gained or as lost by its sign, so that neither ever falls and start + gained - lost = end to rounding.
     """
     point = load(inputs, options, lanes)[0]
-    start_x0, start_gain = shift_and_gain(closure, point, point.start_p)
+    _, start_gain = shift_and_gain(closure, point, point.start_p)
     p = -0.5 * (read(ends, MICRO, lanes) + read(ends, MICRO + 1, lanes))
     x0, gain = shift_and_gain(closure, point, p)
     start = (

@@ -32,10 +32,18 @@ _UNKNOWNS = 6
 
 
 @formula
+def _strength(slide, lane):
+    """M and its derivatives at the start of the substep."""
+    return strength(
+        slide["kappa"][0, lane], slide["first"][0, lane], slide["peak"][0, lane], slide["reference"][0, lane]
+    )
+
+
+@formula
 def _distance(state, slide, lane):
     """q - M (p + c) and p + c of the stress in the first rows of `state`, with the M of the substep's start."""
     p, t1, t2 = state[0, lane], state[1, lane], state[2, lane]
-    m = strength(slide["kappa"][0, lane], slide["first"][0, lane], slide["peak"][0, lane], slide["reference"][0, lane])[0]
+    m = _strength(slide, lane)[0]
     pc = p + slide["cohesion"][0, lane]
     return math.sqrt(t1 * t1 + t2 * t2) - m * pc, pc
 
@@ -44,7 +52,7 @@ def _distance(state, slide, lane):
 def _along_the_chord(y, trial, slide, lane):
     """Share of the straight line from the substep's start to its end at which it leaves the cone."""
     p0, a1, a2 = y[0, lane], y[1, lane], y[2, lane]
-    m = strength(slide["kappa"][0, lane], slide["first"][0, lane], slide["peak"][0, lane], slide["reference"][0, lane])[0]
+    m = _strength(slide, lane)[0]
     pc, dp, d1, d2 = p0 + slide["cohesion"][0, lane], trial[0, lane] - p0, trial[1, lane] - a1, trial[2, lane] - a2
     square = d1 * d1 + d2 * d2 - m * m * dp * dp
     half = a1 * d1 + a2 * d2 - m * m * pc * dp
@@ -150,7 +158,7 @@ def _move_with_the_crossing(trial, slide, lane):
     """Take the change of the crossing's pseudo-time into the derivatives of the end and into `time_change`."""
     p, t1, t2 = trial[0, lane], trial[1, lane], trial[2, lane]
     q = math.sqrt(t1 * t1 + t2 * t2)
-    m, by_kappa, _ = strength(slide["kappa"][0, lane], slide["first"][0, lane], slide["peak"][0, lane], slide["reference"][0, lane])
+    m, by_kappa, _ = _strength(slide, lane)
     pc = p + slide["cohesion"][0, lane]
     n1, n2 = (t1 / q, t2 / q) if q > 0.0 else (0.0, 0.0)
     slide["step_change"][0, lane] -= slide["seed"][0, lane]

@@ -39,9 +39,11 @@ def load_sliding(slide, lane, kappa, stress, par, given, stressed):
         Which components of the increment are of stress.
     """
     first, peak, reference, cohesion = par[PAR_M_FIRST], par[PAR_M_PEAK], par[PAR_GAMMA_R], par[PAR_COHESION]
-    slide["first"][0, lane], slide["peak"][0, lane], slide["reference"][0, lane], slide["cohesion"][0, lane] = first, peak, reference, cohesion
-    slide["dilatancy"][0, lane], slide["constant"][0, lane], slide["exponent"][0, lane] = par[PAR_DILATANCY], par[PAR_M_CV], par[PAR_EXPONENT]
-    slide["kappa"][0, lane], slide["volume"][0, lane], slide["work"][0, lane], slide["planned_step"][0, lane] = kappa, 0.0, 0.0, 0.0
+    slide["first"][0, lane], slide["peak"][0, lane] = first, peak
+    slide["reference"][0, lane], slide["cohesion"][0, lane] = reference, cohesion
+    slide["dilatancy"][0, lane], slide["constant"][0, lane] = par[PAR_DILATANCY], par[PAR_M_CV]
+    slide["exponent"][0, lane], slide["kappa"][0, lane] = par[PAR_EXPONENT], kappa
+    slide["volume"][0, lane], slide["work"][0, lane], slide["planned_step"][0, lane] = 0.0, 0.0, 0.0
     for column in range(3):
         slide["kappa_by"][column, lane], slide["time_change"][column, lane] = 0.0, 0.0
     forget_crossing(slide, lane)

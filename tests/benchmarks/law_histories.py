@@ -58,7 +58,8 @@ def cases():
     yield "mean_field sliding stress", Closure(), slides, EXACT, stress
     yield "shifted sliding mixed", iso, slides, EXACT, mixed
     for off in itertools.product((True, False), repeat=4):
-        effects = Effects(**dict(zip(("contact_loss", "contact_gain", "principal_rotation", "stiffness_feedback"), off)))
+        names = ("contact_loss", "contact_gain", "principal_rotation", "stiffness_feedback")
+        effects = Effects(**dict(zip(names, off)))
         for closure in (Closure(), iso):
             yield f"{closure.force_change} effects {off}", closure, effects, EXACT, strain
     yield "no irreversible spread", iso, Effects(irreversible_spread=False), EXACT, strain

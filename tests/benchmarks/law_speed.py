@@ -55,7 +55,9 @@ def laws() -> dict:
         "mean field, maximum entropy": law([source], closure(distribution="maximum_entropy")),
         "mean field, sliding": law([source], None, effects(sliding=True)),
         "fluctuating": law([source], closure(force_change="fluctuating")),
-        "fluctuating, self-consistent": law([source], closure(force_change="fluctuating", tangential="self_consistent")),
+        "fluctuating, self-consistent": law(
+            [source], closure(force_change="fluctuating", tangential="self_consistent")
+        ),
         "network at rest": law([source], None, effects(contact_loss=False, contact_gain=False)),
         "von Mises": mises.VonMisesLaw(mises.VonMisesMaterial(2e8, 0.2, 1e2, 1e6)),
     }

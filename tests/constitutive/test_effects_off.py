@@ -161,7 +161,8 @@ print(json.dumps({"same": outcome() == free, "replaced": replaced, "called": sor
 CHANGES = [("network.contact_change", "closed_form_change"), ("network.quadrature_change", "quadrature_change")]
 MEAN_FIELD_ONLY = [("network.rates", "rates"), ("network.rates", "rate_changes"), *CHANGES]
 WEAK_FORCES = [
-    *(("network.weak_force_state", name) for name in ("network_at", "rates", "rate_changes", "remember", "leave", "split")),
+    *(("network.weak_force_state", name) for name in ("network_at", "rates", "rate_changes", "remember")),
+    *(("network.weak_force_state", "leave"), ("network.weak_force_state", "split")),
     *(("network.weak_forces", "negative_part"), ("network.weak_forces", "positive_part")),
     *(("network.shifted_distribution", "network_of"), ("network.shifted_distribution", "split_change")),
 ]

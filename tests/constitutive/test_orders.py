@@ -46,7 +46,7 @@ def test_coefficients(name, tableau):
 
 @pytest.mark.parametrize("tableau", TABLEAUS.values(), ids=TABLEAUS)
 def test_the_last_stage_is_the_end(tableau):
-    """As kernels take the pairs: a stage without weight is added where there is none at the end; nothing else changes."""
+    """As kernels take the pairs: a stage without weight is added where none is at the end; nothing else changes."""
     closed = ending_at_the_end(tableau)
     assert np.array_equal(closed.a[-1], closed.b)
     n = len(tableau.b)
