@@ -108,6 +108,14 @@ def _declare(function: Any, number: int, of: type, result: types.Type, emit: Cal
         return emit(builder, args)
 
 
+def _instruction(name: str) -> Callable[[Any, Any], Any]:
+    return lambda builder, args: getattr(builder, name)(*args)
+
+
+def _comparison(name: str) -> Callable[[Any, Any], Any]:
+    return lambda builder, args: builder.fcmp_ordered(name, *args)
+
+
 for _plain, _inplace, _name in (
     (operator.add, operator.iadd, "fadd"),
     (operator.sub, operator.isub, "fsub"),
@@ -115,11 +123,11 @@ for _plain, _inplace, _name in (
     (operator.truediv, operator.itruediv, "fdiv"),
 ):
     for _operator in (_plain, _inplace):
-        _declare(_operator, 2, Eight, EIGHT, lambda builder, args, name=_name: getattr(builder, name)(*args))
+        _declare(_operator, 2, Eight, EIGHT, _instruction(_name))
 for _operator, _name in (
     *((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="), (operator.eq, "==")),
 ):
-    _declare(_operator, 2, Eight, DECISIONS, lambda b, args, name=_name: b.fcmp_ordered(name, *args))
+    _declare(_operator, 2, Eight, DECISIONS, _comparison(_name))
 _declare(operator.ne, 2, Eight, DECISIONS, lambda builder, args: builder.fcmp_unordered("!=", *args))
 _declare(operator.neg, 1, Eight, EIGHT, lambda builder, args: builder.fneg(args[0]))
 for _operator in (operator.and_, operator.iand):
@@ -187,11 +195,13 @@ def _typed(function: Any) -> Callable[[Callable[..., Any]], Any]:
 def _chosen_type(decision: Any, first: Any, second: Any) -> Any:
     """Type of what is chosen: numbers become eight numbers where eight decide, or the other one is eight."""
     if isinstance(first, types.BaseTuple):
-        parts = [_chosen_type(decision, *pair) for pair in zip(first, second, strict=True)]
+        ones, others = list(first), list(second)  # type: ignore[call-overload]
+        parts = [_chosen_type(decision, ones[i], others[i]) for i in range(len(ones))]
         if isinstance(first, types.BaseNamedTuple):
+            kind: Any = first.instance_class  # type: ignore[attr-defined]
             if all(part == parts[0] for part in parts):
-                return types.NamedUniTuple(parts[0], len(parts), first.instance_class)
-            return types.NamedTuple(parts, first.instance_class)
+                return types.NamedUniTuple(parts[0], len(parts), kind)
+            return types.NamedTuple(parts, kind)
         return types.Tuple(parts)
     numbers = (types.Float, types.Integer)
     if first == second and not (isinstance(first, numbers) and isinstance(decision, EightDecisions)):
@@ -212,7 +222,8 @@ def _lower_choose(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     def chosen(kind: Any, first: Any, second: Any) -> Any:
         if isinstance(kind, types.BaseTuple):
             pairs = [[builder.extract_value(value, i) for value in (first, second)] for i in range(len(kind))]
-            return context.make_tuple(builder, kind, [chosen(part, *pair) for part, pair in zip(kind, pairs)])
+            parts = list(kind)  # type: ignore[call-overload]
+            return context.make_tuple(builder, kind, [chosen(parts[i], *pairs[i]) for i in range(len(parts))])
         return first if isinstance(kind, types.NoneType) else builder.select(args[0], first, second)
 
     return chosen(sig.return_type, args[1], args[2])

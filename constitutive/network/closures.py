@@ -34,7 +34,7 @@ def _asked(question: Callable[..., Any]) -> Callable[..., Any]:
         kind = getattr(closure, "instance_class", None)
         return None if kind is None else _answer(kind, question.__name__)
 
-    overload(question, jit_options=FORMULA_OPTIONS, strict=False)(of)
+    overload(question, jit_options=FORMULA_OPTIONS, strict=False)(of)  # type: ignore[arg-type]
     return question
 
 

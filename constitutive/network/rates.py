@@ -7,7 +7,8 @@ Written in the rates ``d = dp/p`` and ``ds`` of the stress-ratio vector s, so th
     dz   = z X_0,      da_c = 2 (X_1, X_2) - a_c X_0
 
 `MeanField` is the source: every contact of a direction feels the mean change of force. With a scatter of that change
-it is the closure "fluctuating" (`quadrature_change`). The unknowns are z and a_c themselves.
+it is the closure "fluctuating" (`quadrature_change`). The unknowns are z and a_c themselves, so that what a
+closure is asked about them is answered in `at_rest`.
 """
 
 import math
@@ -18,31 +19,11 @@ from granfabric.constitutive.lanes.eight import choose, somewhere
 from granfabric.constitutive.lanes.elementary import larger
 
 from .contact_change import LARGEST_FORCE_ANISOTROPY, closed_form_change
-from .point import Network
 from .quadrature_change import quadrature_change
 
 MOST_ITERATIONS = 60
 STEP_TOLERANCE = 1e-10
 """Newton step of da_c that is the last one: what it leaves is of its square."""
-
-
-@formula
-def unknowns(closure, point, stress, micro):
-    """z and a_c."""
-    return micro.z, micro.a1, micro.a2
-
-
-@formula
-def network_at(closure, point, stress, y, guess, known, here, rule):
-    """The network is the unknown."""
-    zero = 0.0 * y[0]
-    return zero == 0.0, Network(y[0], y[1], y[2], zero, zero, zero, zero, zero, zero, zero), zero
-
-
-@formula
-def network_change(closure, partials, stress, change, stress_change):
-    """Its change is that of the unknown."""
-    return change
 
 
 @formula
