@@ -88,6 +88,9 @@ def split_changes(first, end, call, block, closure, options, rule, lanes):
                 block["inputs"], lane, point, call.given, call.stress_start, call.state_start, par,
                 call.micro_of_column,
             )
+            # rows without a column are zero, whatever the lane held before
+            for row in range(MICRO):
+                block["ends"][row, lane] = 0.0
             for i in range(call.state_end.shape[1]):
                 block["ends"][call.micro_of_column[i], lane] = call.state_end[point, i]
             for i in range(3):

@@ -9,6 +9,7 @@ from contact_law_cases import (
     ALL_CLOSURES,
     EFFECT_SETS,
     PRESSURE,
+    SHIFTED,
     Points,
     anisotropic_stress,
     closure_name,
@@ -72,6 +73,22 @@ def test_batch_equals_singles_in_any_order(closure):
         assert np.array_equal(single[0][0], stress[i])
         assert np.array_equal(single[1][0], state[i])
         assert np.array_equal(single[2][0], tangent[i])
+
+
+@pytest.mark.parametrize("effects", [Effects(), Effects(principal_rotation=False), Effects(sliding=True),
+                                     Effects(principal_rotation=False, sliding=True)], ids=effects_name)  # fmt: skip
+@pytest.mark.parametrize("closure", [Closure(), SHIFTED[0]], ids=closure_name)
+def test_lanes_without_a_point_do_not_matter(closure, effects):
+    """Batches of every size up to two blocks, some points at rest: what a lane held before, or never, is not seen."""
+    contact_law = law(closure=closure, effects=effects)
+    points, increment = random_batch(contact_law, 17, size=2e-5)
+    increment[[3, 9]] = 0.0
+    whole = points.update(increment)
+    assert whole[3].failed == 0
+    for number in range(1, 17):
+        part = Points(contact_law, points.stress[-number:], points.state[-number:]).update(increment[-number:])
+        for one, other in zip(part[:3], whole[:3], strict=True):
+            assert np.array_equal(one, other[-number:])
 
 
 def test_threads_do_not_matter():
