@@ -87,7 +87,7 @@ def run(
         given, screen = list(assignments or []), Screen()
         loaded = load(scene, given)
         loaded.require("field")
-        kernels.start(build.kernels(loaded))
+        kernels.start(build.kernels(loaded)[:1])
         accuracy_report.announce(loaded, screen)
         record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels)
         while upgrade and record.outcome == "finished" and record.details.get("upgrade"):

@@ -21,12 +21,13 @@ from granfabric.cases.records.field_history import FieldHistory
 from granfabric.cases.records.field_recorder import FieldRecorder
 from granfabric.cases.records.record import Record, resolved
 from granfabric.cases.records.replay import write_failed_point
-from granfabric.cases.scene import effects_choice
+from granfabric.cases.scene import build, effects_choice
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.compile_watch import CompileWatch, watching
 from granfabric.cases.terminal.early_kernels import EarlyKernels
 from granfabric.cases.terminal.interruption import stop_wish
 from granfabric.cases.terminal.screen import Screen, spread
+from granfabric.constitutive import warm_up as constitutive_warm_up
 from granfabric.fem import warm_up as fem_warm_up
 from granfabric.fem.equilibrium.checkpoint import Checkpoint, CheckpointError, CheckpointFolder
 from granfabric.fem.equilibrium.control import ControlError
@@ -74,7 +75,7 @@ def run_field(
         earlier = resumption.earlier_record(folder) if resume else None
         effects_choice.check(loaded)
         prepared = prepare(loaded)
-        waited = 0.0 if earlier is not None else _compile(kernels, watch, stop, loaded.scene.output.pictures)
+        waited = 0.0 if earlier is not None else _compile(loaded, kernels, watch, stop)
         loaded, prepared, decision = settle_field(loaded, prepared, earlier, stop())
         problem = prepared.problem
         record = Record(folder, loaded.name, resolved(loaded, prepared.effects))
@@ -101,7 +102,7 @@ def run_field(
         else:
             record.details["resumed_after_step"] = resumed.result.step
         if earlier is not None:
-            waited = _compile(kernels, watch, stop, loaded.scene.output.pictures)
+            waited = _compile(loaded, kernels, watch, stop)
         else:
             record.details["decision"] = effects_report.as_data(decision)
             effects_report.announce(decision, problem.law.description.linear_response, screen)
@@ -186,13 +187,24 @@ def _last_checkpoint(checkpoints: CheckpointFolder, earlier: dict[str, Any], scr
     return resumed
 
 
-def _compile(kernels: EarlyKernels | None, watch: CompileWatch, stop: Callable[[], bool], pictures: bool) -> float:
-    """Compile the host's kernels while the other process compiles the law's; seconds spent waiting for the other."""
+def _compile(
+    loaded: LoadedScene, kernels: EarlyKernels | None, watch: CompileWatch, stop: Callable[[], bool]
+) -> float:
+    """Compile the host's kernels and the law's second one while another process compiles the first one.
+
+    Returns
+    -------
+    float
+        Seconds spent waiting for the other process.
+    """
     if kernels is None or not kernels.running:
         return 0.0
     watch.announce()
     fem_warm_up.warm_up()
-    if pictures:  # imported now, it costs no time later
+    for name in build.kernels(loaded)[1:]:
+        if kernels.running and not stop() and not constitutive_warm_up.cached(name):
+            constitutive_warm_up.warm_up(name)
+    if loaded.scene.output.pictures:  # imported now, it costs no time later
         import_module("granfabric.cases.pictures.field")
     return kernels.wait(stop)
 

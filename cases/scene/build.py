@@ -7,7 +7,7 @@ from typing import Any
 from granfabric.constitutive import warm_up
 from granfabric.constitutive.effects import Effects
 from granfabric.constitutive.law import ContactLaw
-from granfabric.constitutive.parameters import Closure, Integration, Material, ParameterError
+from granfabric.constitutive.parameters import Closure, ForceChange, Integration, Material, ParameterError
 
 from .effects_choice import everything
 from .reader import LoadedScene
@@ -42,8 +42,11 @@ def law(loaded: LoadedScene, effects: Effects) -> ContactLaw:
         raise loaded.error(["material"], str(error)) from error
 
 
-def kernels(loaded: LoadedScene) -> list[str]:
-    """Names of the compiled kernels that a run of the scene calls first, see `warm_up`."""
+def kernels(loaded: LoadedScene) -> list[ForceChange]:
+    """Names of the compiled kernels that a run of the scene calls, see `warm_up`; what it needs first comes first.
+
+    What is left out is tried and audited with other closures than the scene's own.
+    """
     choice = everything(loaded.scene)
     closure = Closure(**{**loaded.scene.closure.model_dump(), "force_change": choice.force_change})
-    return [warm_up.kernel_of(closure, choice.effects)]
+    return sorted(warm_up.KERNELS, key=lambda name: name != warm_up.kernel_of(closure, choice.effects))

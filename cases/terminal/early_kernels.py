@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from granfabric.constitutive import warm_up
+from granfabric.constitutive.parameters import ForceChange
 
 POLL_SECONDS = 0.05
 COMMAND = ("-P", "-m", "granfabric.constitutive.warm_up")
@@ -31,7 +32,7 @@ class EarlyKernels:
         """Whether kernels are being compiled elsewhere."""
         return self._process is not None and self._process.poll() is None
 
-    def start(self, kernels: Sequence[str]) -> None:
+    def start(self, kernels: Sequence[ForceChange]) -> None:
         """Start compiling those that the cache does not hold, if a second core is there to do it.
 
         Parameters

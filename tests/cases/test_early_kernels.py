@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -33,12 +34,23 @@ def cold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     compilation.cache_directory.cache_clear()
 
 
-def fill(root: Path, kernel: str = KERNEL) -> None:
-    """What a compilation leaves."""
-    folder = compilation.cache_directory("constitutive")
+def fill(root: Path) -> None:
+    """An index as a compilation leaves it, of the kernel for the mean field."""
+    folder = compilation.cache_directory("constitutive") / "integration_123"
     assert root in folder.parents
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / warm_up._marker(kernel)).touch()
+    signatures = {("(int64, MeanField(bool, float64))", "machine"): "file"}
+    text = pickle.dumps("0.68") + pickle.dumps(("stamp", signatures))
+    (folder / "points.update_points-1.py311.nbi").write_bytes(text)
+
+
+@pytest.mark.parametrize("text", [b"", b"\x80", pickle.dumps("0.68"), pickle.dumps("0.68") + pickle.dumps(3)])
+def test_a_damaged_index_is_none(cold: Path, text: bytes) -> None:
+    fill(cold)
+    assert warm_up.cached("mean_field") and not warm_up.cached("shifted_distribution")
+    (index,) = cold.rglob("*.nbi")
+    index.write_bytes(text)
+    assert not warm_up.cached("mean_field")
 
 
 def test_the_cache_is_warm_after_the_kernels_were_used() -> None:
@@ -75,8 +87,8 @@ def test_effects_and_control_need_no_further_kernel() -> None:
 
 
 def test_a_scene_names_the_kernel_of_its_closure() -> None:
-    assert build.kernels(load("biaxial", [])) == ["mean_field"]
-    assert build.kernels(load("strip_footing", [])) == ["shifted_distribution"]
+    assert build.kernels(load("biaxial", [])) == ["mean_field", "shifted_distribution"]
+    assert build.kernels(load("strip_footing", [])) == ["shifted_distribution", "mean_field"]
 
 
 def test_a_process_is_started_only_for_what_the_cache_lacks(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
