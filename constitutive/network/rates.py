@@ -105,14 +105,14 @@ def rates(closure, point, stress, rate, network, guess, strain, with_derivatives
         solved = solved & solvable
         going = solved & (abs(step1) + abs(step2) > size)
         iteration += 1
+        if iteration >= MOST_ITERATIONS:
+            solved = solved & (abs(step1) + abs(step2) <= size)
+            going = solved & (abs(step1) + abs(step2) > size)
         if not somewhere(going):
-            # the last step, to first order
+            # the last step, to first order; how long other lanes take does not matter
             x1, x2 = x1 + step1, x2 + step2
             more0 = by_v[1] * step1 + by_v[2] * step2
             more1, more2 = by_v[3] * step1 + by_v[4] * step2, by_v[4] * step1 + by_v[5] * step2
-            break
-        if iteration >= MOST_ITERATIONS:
-            solved = solved & (abs(step1) + abs(step2) <= size)
             break
         x1, x2 = choose(going, x1 + step1, x1), choose(going, x2 + step2, x2)
     won0, less0 = g * gain[0], p0 * loss[0]
