@@ -10,6 +10,9 @@ The whole boundary between material and solver:
   its start values), so that nothing uninitialised can leak. The host commits by swapping, reverts by not swapping.
 * Nothing else is remembered: the same increment may be asked again and again. A zero increment changes nothing and
   returns the tangent.
+* What is handed over is checked before a kernel sees it (`arrays`): a wrong shape, kind, index or code is a ValueError,
+  and so is an array to be written that is read-only or shares memory with another one. Arrays that are only read may
+  be anything that turns into such an array; read-only, strided or of other numbers they are copied.
 * No exception leaves a kernel. Each point has a status; the report names the worst point and a step factor.
 """
 
@@ -51,7 +54,7 @@ STATUS_TEXT: dict[Status, str] = {
     Status.STIFFNESS_LOST: "the stiffness is no longer positive definite in this state; try a smaller step",
     Status.TOO_MANY_SUBSTEPS: "the error tolerance was not met within the allowed number of substeps; "
     "try a smaller step or a looser tolerance",
-    Status.NOT_FINITE: "the input holds a value that is not finite",
+    Status.NOT_FINITE: "the input holds a value that is not finite, or one so large that the result is not",
     Status.NOT_CONVERGED: "the local equations did not converge; try a smaller step",
     Status.BEYOND_PEAK: "the stress is outside the cone of sliding or shall pass its peak stress ratio, which no "
     "strain can reach; prescribe strain in at least one component, or a smaller stress ratio",

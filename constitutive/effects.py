@@ -7,6 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+import numpy as np
+
+from .parameters import ParameterError
+
 
 @dataclass(frozen=True)
 class Effects:
@@ -37,6 +41,12 @@ class Effects:
     stiffness_feedback: bool = True
     irreversible_spread: bool = True
     sliding: bool = False
+
+    def __post_init__(self) -> None:
+        for name in self.names():
+            value = getattr(self, name)
+            if not isinstance(value, (bool, np.bool_)):
+                raise ParameterError(f"effects.{name} = {value!r} is neither True nor False")
 
     @classmethod
     def names(cls) -> tuple[str, ...]:

@@ -25,10 +25,19 @@ from granfabric.constitutive.network.rates import MeanField
 from granfabric.constitutive.network.weak_force_state import ShiftedDistribution
 from granfabric.constitutive.sliding.checks import check_sliding, initial_hardening
 
+from .arrays import ALL_STRESS, finite, stress_and_index, update_arrays
 from .contract import Array, LawDescription, TangentKind, UpdateReport
 from .effects import Effects
 from .material_table import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
-from .parameters import Closure, Integration, Material, ParameterError, parameter_table
+from .parameters import (
+    Closure,
+    Integration,
+    Material,
+    ParameterError,
+    instance_of,
+    parameter_table,
+    rows_of,
+)
 from .state import micro_of_columns, state_variables
 from .threads import run_in_threads
 
@@ -37,6 +46,8 @@ _TANGENTS = {
     "continuum": TANGENT_CONTINUUM,
     "elastic": TANGENT_ELASTIC,
 }
+
+_NO_CONTROL, _NO_STRAIN = np.zeros((0, 3), dtype=np.uint8), np.zeros((0, 3))
 
 _COMFORTABLE_SUBSTEPS = 20
 """Substeps per increment above which the report proposes no larger step."""
@@ -47,7 +58,7 @@ class ContactLaw:
 
     Parameters
     ----------
-    materials : sequence of Material
+    materials : Material or sequence of Material
         Rows of the parameter table; `material_index` of the calls selects among them.
     closure : Closure
     effects : Effects
@@ -60,27 +71,19 @@ class ContactLaw:
 
     def __init__(
         self,
-        materials: Sequence[Material],
+        materials: Material | Sequence[Material],
         closure: Closure | None = None,
         effects: Effects | None = None,
         integration: Integration | None = None,
     ) -> None:
-        if not materials:
-            raise ParameterError("a contact law needs at least one material")
-        self.materials = tuple(materials)
-        self.closure = closure or Closure()
-        self.effects = effects or Effects()
-        self.integration = integration or Integration()
+        self.materials = rows_of("a contact law", materials, Material)
+        self.closure = instance_of("closure", closure, Closure)
+        self.effects = instance_of("effects", effects, Effects)
+        self.integration = instance_of("integration", integration, Integration)
         self._table = parameter_table(self.materials)
         entropy = self.closure.distribution == "maximum_entropy"
         for material in self.materials:
-            magnitude = float(np.hypot(material.initial_fabric_xx, material.initial_fabric_xy))
-            limit = 2.0 if entropy else 1.0
-            if magnitude >= limit and not (magnitude == limit and not entropy):
-                raise ParameterError(
-                    f"material.initial_fabric has the magnitude {magnitude:g}, but the {self.closure.distribution} "
-                    f"distribution admits {'less than 2' if entropy else 'at most 1'}"
-                )
+            self._check_fabric("material.initial_fabric", material.initial_fabric_xx, material.initial_fabric_xy)
             if self.closure.shear_stiffness == "isostatic" and material.isostatic_coordination >= material.coordination:
                 raise ParameterError(
                     f"material.isostatic_coordination = {material.isostatic_coordination:g} is not below "
@@ -97,6 +100,7 @@ class ContactLaw:
         shifted = self.closure.force_change == "shifted_distribution" and self.effects.network_changes
         self._variables = state_variables(self.effects, shifted)
         self._micro = micro_of_columns(self._variables)
+        self._nstate = len(self._micro)
         follow = self.effects.stiffness_feedback or not self.effects.network_changes
         self._options = Options(
             loss=self.effects.contact_loss,
@@ -149,6 +153,16 @@ class ContactLaw:
             c_w=float(closure.fluctuation) if scattered else 0.0,
         )
 
+    def _check_fabric(self, name: str, xx: float, xy: float) -> None:
+        magnitude = float(np.hypot(xx, xy))
+        entropy = self.closure.distribution == "maximum_entropy"
+        limit = 2.0 if entropy else 1.0
+        if magnitude >= limit and not (magnitude == limit and not entropy):
+            raise ParameterError(
+                f"{name} has the magnitude {magnitude:g}, but the {self.closure.distribution} "
+                f"distribution admits {'less than 2' if entropy else 'at most 1'}"
+            )
+
     @cached_property
     def description(self) -> LawDescription:
         """The law as data."""
@@ -168,15 +182,18 @@ class ContactLaw:
         ``s = (a_c + a_n + a_t)/2`` [eq. 7 and section 3.3 of the source]. With the closure "frictional" a_t is known
         and the relations of `force_fabric` give a_n and the mean force.
 
+        A point without pressure (p = -(s_xx + s_yy)/2 not above zero) gets a state without forces, from which no
+        update starts: they report it with the status NO_PRESSURE.
+
         Parameters
         ----------
         stress : ndarray, shape (npt, 3)
-            Tension positive [Pa].
+            Tension positive [Pa]; finite, and of any number of points, also of none.
         material_index : ndarray of int32, shape (npt,), optional
         coordination : ndarray, shape (npt,), optional
-            Instead of the material's value, for instance a random field.
+            Instead of the material's value, for instance a random field; within the bounds of that parameter.
         fabric_anisotropy : ndarray, shape (npt, 2), optional
-            Instead of the material's value.
+            Instead of the material's value, below the magnitude that the distribution admits.
 
         Returns
         -------
@@ -184,20 +201,26 @@ class ContactLaw:
 
         Raises
         ------
+        ValueError
+            If an array has another shape or kind, or holds a value that is not finite.
         ParameterError
-            With sliding: if a stress ratio is not below the peak.
+            If a value is out of bounds, or forces that push everywhere cannot carry a stress ratio in this fabric; with
+            sliding: if a stress ratio is not below the peak.
         """
-        stress = np.asarray(stress, dtype=np.float64)
-        npt = stress.shape[0]
-        table = self._table[np.zeros(npt, dtype=np.int32) if material_index is None else material_index]
-        p = -0.5 * (stress[:, 0] + stress[:, 1])
-        with np.errstate(divide="ignore", invalid="ignore"):
+        stress, index = stress_and_index(stress, material_index, len(self._table))
+        npt = len(stress)
+        table = self._table[index]
+        with np.errstate(all="ignore"):
+            p = -0.5 * (stress[:, 0] + stress[:, 1])
             s = np.stack([-0.5 * (stress[:, 0] - stress[:, 1]) / p, -stress[:, 2] / p], axis=1)
-        s[~np.isfinite(s)] = 0.0
-        z = table[:, PAR_Z].copy() if coordination is None else np.asarray(coordination, dtype=np.float64)
+        s[~(p > 0.0)] = 0.0
+        z = table[:, PAR_Z].copy() if coordination is None else self._coordination(coordination, npt)
         fabric = table[:, [PAR_FABRIC_XX, PAR_FABRIC_XY]]
         if fabric_anisotropy is not None:
-            fabric = np.asarray(fabric_anisotropy, dtype=np.float64)
+            fabric = finite("fabric_anisotropy", fabric_anisotropy, (npt, 2))
+            if npt:
+                largest = fabric[np.argmax(np.hypot(fabric[:, 0], fabric[:, 1]))]
+                self._check_fabric("fabric_anisotropy", largest[0], largest[1])
         if not self.effects.principal_rotation:
             s = s * [1.0, 0.0]
             fabric = fabric * np.array([1.0, 0.0])
@@ -205,7 +228,7 @@ class ContactLaw:
         values = {
             "coordination": z,
             "fabric_anisotropy": fabric,
-            "mean_normal_force": 2.0 * np.pi * p / (z * mu * table[:, PAR_PHI] * table[:, PAR_KN]),
+            "mean_normal_force": 2.0 * np.pi * np.maximum(p, 0.0) / (z * mu * table[:, PAR_PHI] * table[:, PAR_KN]),
             "normal_force_anisotropy": normal,
             "tangential_force_anisotropy": tangential,
             "reference_coordination": z,
@@ -219,8 +242,30 @@ class ContactLaw:
             if variable.name in values:
                 value = values[variable.name]
                 columns = self.description.columns(variable.name)
-                state[:, columns] = value.reshape(npt, -1)[:, : variable.components]
+                state[:, columns] = value[:, None] if value.ndim == 1 else value[:, : variable.components]
+        self._check_state(state, stress)
         return state
+
+    @staticmethod
+    def _coordination(given: object, npt: int) -> Array:
+        bounds = Material.variables()[PAR_Z]
+        z = finite("coordination", given, (npt,))
+        wrong = (z < bounds.lower) | (z > bounds.upper)
+        if wrong.any():
+            raise ParameterError(
+                f"coordination = {z[wrong][0]:g} is outside its physical bounds [{bounds.lower:g}, {bounds.upper:g}]"
+            )
+        return z
+
+    @staticmethod
+    def _check_state(state: Array, stress: Array) -> None:
+        wrong = ~np.isfinite(state).all(axis=1)
+        if wrong.any():
+            point = int(np.argmax(wrong))
+            raise ParameterError(
+                f"the initial stress {stress[point].tolist()} Pa at point {point} has no admissible state: no forces "
+                "that push in every direction carry it in this fabric"
+            )
 
     def _initial_anisotropies(self, s: Array, fabric: Array, c_n: Array) -> tuple[Array, Array, Array]:
         """a_n, a_t (npt, 2), mu (npt,) of `force_fabric` for given s and a_c; mu is 1 if the closure leaves it out."""
@@ -230,8 +275,8 @@ class ContactLaw:
         initial_force_fabric(
             np.ascontiguousarray(s),
             np.ascontiguousarray(fabric),
-            self.closure.tangential_force_ratio,
-            self.closure.slip,
+            float(self.closure.tangential_force_ratio),
+            float(self.closure.slip),
             normal,
             tangential,
             mu,
@@ -253,6 +298,7 @@ class ContactLaw:
         return self._call(
             strain_increment,
             None,
+            "",
             stress_start,
             state_start,
             stress_end,
@@ -289,7 +335,8 @@ class ContactLaw:
         """
         return self._call(
             increment,
-            np.ascontiguousarray(control, dtype=np.uint8),
+            control,
+            "increment",
             stress_start,
             state_start,
             stress_end,
@@ -311,22 +358,25 @@ class ContactLaw:
         material_index: NDArray[np.int32] | None = None,
     ) -> UpdateReport:
         """Advance all points by a stress increment (xx, yy, xy, tension positive) [Pa]; writes `strain_increment`."""
-        control = np.ones((stress_increment.shape[0], 3), dtype=np.uint8)
-        return self.update_mixed(
-            control,
+        return self._call(
             stress_increment,
+            ALL_STRESS,
+            "stress_increment",
             stress_start,
             state_start,
             stress_end,
             state_end,
             strain_increment,
+            None,
+            "propagated",
             material_index,
         )
 
     def _call(
         self,
         given: Array,
-        control: NDArray[np.uint8] | None,
+        control: object,
+        mixed: str,
         stress_start: Array,
         state_start: Array,
         stress_end: Array,
@@ -336,33 +386,34 @@ class ContactLaw:
         tangent_kind: TangentKind,
         material_index: NDArray[np.int32] | None,
     ) -> UpdateReport:
-        npt = given.shape[0]
-        self._check("increment", given, (npt, 3))
-        self._check("stress_start", stress_start, (npt, 3))
-        self._check("stress_end", stress_end, (npt, 3))
-        self._check("state_start", state_start, (npt, self.description.nstate))
-        self._check("state_end", state_end, (npt, self.description.nstate))
-        if tangent is not None:
-            self._check("tangent", tangent, (npt, 3, 3))
-            if tangent_kind not in _TANGENTS:
-                raise ValueError(f"tangent_kind = {tangent_kind!r} is not one of {', '.join(_TANGENTS)}")
-        if material_index is None:
-            material_index = np.zeros(npt, dtype=np.int32)
-        elif npt and not 0 <= int(material_index.min()) <= int(material_index.max()) < len(self.materials):
-            raise ValueError(f"material_index must lie in 0 ... {len(self.materials) - 1}")
-        status = np.zeros(npt, dtype=np.int8)
-        counts = np.zeros((npt, 3), dtype=np.int32)
-        kind = TANGENT_NONE if tangent is None else _TANGENTS[tangent_kind]
-        call = Call(
+        arrays = update_arrays(
+            (self._nstate, len(self._table)),
             given,
             stress_start,
             state_start,
             stress_end,
             state_end,
-            np.zeros((0, 3), dtype=np.uint8) if control is None else control,
-            np.zeros((0, 3)) if strain_increment is None else strain_increment,
-            np.zeros((0, 3, 3)) if tangent is None else tangent,
-            np.ascontiguousarray(material_index, dtype=np.int32),
+            tangent,
+            tangent_kind,
+            material_index,
+            control,
+            strain_increment,
+            mixed,
+        )
+        npt = len(arrays.increment)
+        status = np.zeros(npt, dtype=np.int8)
+        counts = np.zeros((npt, 3), dtype=np.int32)
+        kind = TANGENT_NONE if tangent is None else _TANGENTS[tangent_kind]
+        call = Call(
+            arrays.increment,
+            arrays.stress_start,
+            arrays.state_start,
+            arrays.stress_end,
+            arrays.state_end,
+            _NO_CONTROL if arrays.control is None else arrays.control,
+            _NO_STRAIN if arrays.strain_increment is None else arrays.strain_increment,
+            arrays.tangent,
+            arrays.rows,
             self._table,
             self._micro,
             status,
@@ -372,7 +423,7 @@ class ContactLaw:
             LANES_OF_KERNELS,
             call,
             self._kernel_closure,
-            self._options._replace(mixed=control is not None, derivatives=kind == TANGENT_PROPAGATED),
+            self._options._replace(mixed=bool(mixed), derivatives=kind == TANGENT_PROPAGATED),
             Numerics(
                 float(self.integration.tolerance),
                 self.integration.substeps,
@@ -386,10 +437,3 @@ class ContactLaw:
         run_in_threads(update_points, npt, arguments)
         factor = smallest_step_factor(status, counts, _COMFORTABLE_SUBSTEPS)
         return UpdateReport(status, counts[:, 0], counts[:, 1], float(factor), counts[:, 2])
-
-    @staticmethod
-    def _check(name: str, array: Array, shape: tuple[int, ...]) -> None:
-        if array.shape != shape or array.dtype != np.float64 or not array.flags.c_contiguous:
-            raise ValueError(
-                f"{name} must be a C-contiguous float64 array of shape {shape}, got {array.dtype} {array.shape}"
-            )

@@ -5,10 +5,10 @@ Names are those of the scene files. Each parameter is declared once, with meanin
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 
@@ -24,6 +24,59 @@ Integrator = Literal["forward_euler", "modified_euler", "bogacki_shampine", "dor
 
 class ParameterError(ValueError):
     """A parameter has an illegal value; the text names it, the value and what is legal."""
+
+
+def is_number(value: object) -> bool:
+    """Whether this is a real number and no truth value."""
+    return isinstance(value, (int, float, np.floating, np.integer)) and not isinstance(value, bool)
+
+
+def is_within(value: object, low: float, high: float) -> bool:
+    """Whether this is a real number within bounds; NaN is not."""
+    # as Python's own number: a bound would be rounded to the precision of a float32
+    number: Any = value.item() if isinstance(value, np.generic) else value
+    return is_number(value) and bool(low <= number <= high)
+
+
+def is_integer(value: object) -> bool:
+    """Whether this is an integer and no truth value."""
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+
+
+Kind = TypeVar("Kind")
+
+
+def rows_of(owner: str, materials: object, kind: type[Kind]) -> tuple[Kind, ...]:
+    """One material or a sequence of them as a tuple.
+
+    Raises
+    ------
+    ParameterError
+        If there is none, or something else among them.
+    """
+    rows: tuple[Any, ...] = (materials,)
+    if not isinstance(materials, kind):
+        rows = tuple(materials) if isinstance(materials, Iterable) else (materials,)
+    for row in rows:
+        if not isinstance(row, kind):
+            raise ParameterError(f"{owner} needs a {kind.__name__} or a sequence of them, not {row!r}")
+    if not rows:
+        raise ParameterError(f"{owner} needs at least one material")
+    return rows
+
+
+def instance_of(name: str, value: object, kind: type[Kind]) -> Kind:
+    """The value, or the defaults of its kind if it is None.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if value is None:
+        return kind()
+    if not isinstance(value, kind):
+        raise ParameterError(f"{name} = {value!r} is not of the class {kind.__name__}")
+    return value
 
 
 def _declare(variable: Variable) -> Any:
@@ -155,9 +208,9 @@ class Material:
     def __post_init__(self) -> None:
         for variable in self.variables():
             value = getattr(self, variable.name)
-            if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)):
+            if not is_number(value):
                 raise ParameterError(f"material.{variable.name} = {value!r} is not a number")
-            if not (np.isfinite(value) and variable.lower <= value <= variable.upper):
+            if not is_within(value, variable.lower, variable.upper):
                 raise ParameterError(
                     f"material.{variable.name} = {value!r} is outside its physical bounds "
                     f"[{variable.lower:g}, {variable.upper:g}] ({variable.meaning}, unit {variable.unit})"
@@ -170,7 +223,7 @@ class Material:
 
 
 def _check_choice(owner: str, name: str, value: object, legal: tuple[str, ...]) -> None:
-    if value not in legal:
+    if not isinstance(value, str) or value not in legal:
         near = get_close_matches(str(value), legal, n=1, cutoff=0.0)
         raise ParameterError(f"{owner}.{name} = {value!r} is not one of {', '.join(legal)}; the nearest is {near[0]!r}")
 
@@ -247,7 +300,7 @@ class Closure:
         _check_choice("closure", "shear_stiffness", self.shear_stiffness, get_args(ShearStiffness))
         for name, most in CLOSURE_NUMBERS.items():
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value <= most:
+            if not is_within(value, 0.0, most):
                 raise ParameterError(f"closure.{name} = {value!r} is not a number in [0, {most:g}]")
         if self.tangential == "frictional" and self.force_change != "shifted_distribution":
             raise ParameterError(
@@ -261,6 +314,15 @@ class Closure:
         if self.force_change == "shifted_distribution" and self.tangential == "neglected":
             return "frictional"
         return self.tangential
+
+
+INTEGRATION_NUMBERS: dict[str, tuple[float, float]] = {
+    "tolerance": (1e-14, 1.0),
+    "substeps": (0, 10_000_000),
+    "maximum_substeps": (1, 100_000_000),
+    "directions": (4, 512),
+}
+"""Numbers of the integration, each with the smallest and the largest that is legal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -296,15 +358,13 @@ class Integration:
     def __post_init__(self) -> None:
         _check_choice("integration", "integrator", self.integrator, get_args(Integrator))
         _check_choice("integration", "arc_integration", self.arc_integration, get_args(ArcIntegration))
-        if not 1e-14 <= self.tolerance <= 1.0:
-            raise ParameterError(f"integration.tolerance = {self.tolerance!r} is outside [1e-14, 1]")
-        for name, least, most in (
-            ("substeps", 0, 10_000_000),
-            ("maximum_substeps", 1, 100_000_000),
-            ("directions", 4, 512),
-        ):
+        least, most = INTEGRATION_NUMBERS["tolerance"]
+        if not is_within(self.tolerance, least, most):
+            raise ParameterError(f"integration.tolerance = {self.tolerance!r} is not a number in [{least:g}, {most:g}]")
+        for name in ("substeps", "maximum_substeps", "directions"):
+            least, most = INTEGRATION_NUMBERS[name]
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+            if not is_integer(value) or not least <= value <= most:
                 raise ParameterError(f"integration.{name} = {value!r} is not an integer in [{least}, {most}]")
         if self.integrator == "forward_euler" and self.substeps == 0:
             raise ParameterError(

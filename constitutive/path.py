@@ -8,11 +8,17 @@ from typing import Literal
 
 import numpy as np
 
+from .arrays import finite
 from .contract import STATUS_TEXT, Array, Status
 from .law import ContactLaw
-from .parameters import ParameterError
+from .parameters import ParameterError, is_integer, is_within
 
 Control = Literal["stress", "strain"]
+
+LARGEST = 1e300
+"""Size beyond which a stress or a strain counts as infinite."""
+
+MOST_INCREMENTS = 10_000_000
 
 POINT_COLUMNS = (
     "step",
@@ -50,6 +56,14 @@ SLIDING_COLUMNS = ("plastic_shear_strain", "plastic_volumetric_strain", "plastic
 """Further columns of a law with sliding; volumetric strain tension positive, dissipation in Pa."""
 
 
+def _is_finite(value: object) -> bool:
+    return is_within(value, -LARGEST, LARGEST)
+
+
+def _is_three(value: object) -> bool:
+    return isinstance(value, (tuple, list, np.ndarray)) and np.ndim(value) == 1 and len(value) == 3
+
+
 @dataclass(frozen=True)
 class Leg:
     """A piece of a path: straight in the controlled components, or a rotation of the stress deviator.
@@ -65,24 +79,34 @@ class Leg:
     rotation_degrees : float, optional
         Instead of control and target: turn the principal axes of stress by this angle (counter-clockwise) at constant
         p and q, under stress control.
+    relative : bool
+        The target counts from stress and strain at the start of the leg, not from zero, each controlled component from
+        its own: zero keeps it as it is.
     """
 
     control: tuple[Control, Control, Control] = ("stress", "stress", "stress")
     target: tuple[float, float, float] | None = None
     increments: int = 1
     rotation_degrees: float | None = None
+    relative: bool = False
 
     def __post_init__(self) -> None:
-        if self.increments < 1:
-            raise ParameterError(f"path.increments = {self.increments!r} is not a positive integer")
+        if not is_integer(self.increments) or not 1 <= self.increments <= MOST_INCREMENTS:
+            raise ParameterError(
+                f"path.increments = {self.increments!r} is not a positive integer up to {MOST_INCREMENTS}"
+            )
         if (self.target is None) == (self.rotation_degrees is None):
             raise ParameterError("a leg of a path needs either target (with control) or rotation_degrees, not both")
-        if len(self.control) != 3 or any(entry not in ("stress", "strain") for entry in self.control):
+        if not _is_three(self.control) or any(str(entry) not in ("stress", "strain") for entry in self.control):
             raise ParameterError(f"path.control = {self.control!r} is not three of 'stress', 'strain'")
-        if self.target is not None and (len(self.target) != 3 or not np.all(np.isfinite(self.target))):
+        if self.target is not None and not (_is_three(self.target) and all(_is_finite(v) for v in self.target)):
             raise ParameterError(f"path.target = {self.target!r} is not three finite numbers")
-        if self.rotation_degrees is not None and not np.isfinite(self.rotation_degrees):
+        if self.rotation_degrees is not None and not _is_finite(self.rotation_degrees):
             raise ParameterError(f"path.rotation_degrees = {self.rotation_degrees!r} is not finite")
+        if not isinstance(self.relative, bool | np.bool_):
+            raise ParameterError(f"path.relative = {self.relative!r} is not one of True, False")
+        if self.relative and self.target is None:
+            raise ParameterError("path.relative goes with a target; a rotation always turns from the start of its leg")
 
 
 @dataclass
@@ -196,7 +220,8 @@ def _increments(leg: Leg, stress: Array, strain: Array) -> tuple[np.ndarray, Arr
         return np.ones(3, dtype=np.uint8), np.stack([mean + turned_half, mean - turned_half, turned_shear], axis=1)
     control = np.array([entry == "stress" for entry in leg.control], dtype=np.uint8)
     start = np.where(control == 1, stress[0], strain[0])
-    return control, start + fractions * (np.array(leg.target) - start)
+    change = np.array(leg.target) if leg.relative else np.array(leg.target) - start
+    return control, start + fractions * change
 
 
 def drive(
@@ -226,15 +251,31 @@ def drive(
     -------
     PathHistory
         Also when a point fails on the way: then with what was reached and the reason.
+
+    Raises
+    ------
+    ValueError
+        If an array has another shape or kind, or holds a value that is not finite.
+    ParameterError
+        If the initial stress is not compressive, or the law has no initial state for it.
     """
-    stress = np.array([initial_stress], dtype=np.float64)
-    now: Array = law.initial_state(stress) if state is None else state.copy()
+    stress = finite("initial_stress", initial_stress, (3,))[None, :].copy()
+    legs = tuple(legs)
+    for leg in legs:
+        if not isinstance(leg, Leg):
+            raise ParameterError(f"a path consists of legs, of the class Leg, not of {leg!r}")
     strain = np.zeros((1, 3))
     if not -0.5 * (stress[0, 0] + stress[0, 1]) > 0.0:
         raise ParameterError(
             f"initial.stress = {list(initial_stress)!r} is not compressive: grains need a positive mean pressure "
             "p = -(s_xx + s_yy)/2 (tension is positive)"
         )
+    if state is None:
+        now = law.initial_state(stress)
+    else:
+        now = finite("state", state, (1, law.description.nstate)).copy()
+    if not now[0, law.description.columns("mean_normal_force")][0] > 0.0:
+        raise ParameterError("the initial state has no mean normal force, by which the force is divided on the way")
     recorder = _Recorder(law, stress, now)
     recorder.add(stress, now, strain, 0, 0, False)
     stress_end, state_end, strain_increment = np.zeros_like(stress), np.zeros_like(now), np.zeros((1, 3))

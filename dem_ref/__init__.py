@@ -4,8 +4,10 @@ Reading order:
 
 - `sample` (what is kept), `neighbours`, `stepping` and `motion` (the compiled core);
 - `relaxation` and `packing` (isotropic packings from a seed);
-- `legs`, `servo`, `path`, `biaxial` (loading, history, checkpoints), `ensemble` (several samples);
-- `measure`, `events`, `distribution`, `tessellation`, `probes`, `material` (what is measured, from definitions);
+- `legs`, `leg_state`, `endings`, `servo`, `path`, `biaxial` (loading, history, checkpoints), `ensemble` (several
+  samples);
+- `measure`, `events`, `distribution`, `tessellation`, `probes`, `weak_contacts`, `material`, `sliding` (what is
+  measured, from definitions), `uncertainty` (how far that may be off);
 - `fields` (arrays for pictures).
 
 Nothing here is shared with the law that it judges. Stresses and strains are tension positive, order xx, yy, xy; forces

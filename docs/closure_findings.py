@@ -11,6 +11,7 @@ contacts.
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -62,8 +63,35 @@ def follow(packing):
     return np.array(rows)
 
 
-def main(disks=2000, seeds=2):
-    """Compute and draw."""
+@dataclass(frozen=True)
+class Findings:
+    """What is drawn; means over the packings.
+
+    Attributes
+    ----------
+    loops : ndarray, shape (4, 2)
+        Slip k and irreversible scatter c_i of loops to each of `AMPLITUDES`.
+    levels : ndarray, shape (n,)
+        Stress ratios q/p of all curves.
+    grains : ndarray, shape (3, n)
+        a_t, X_1 and S of the class of contacts, of the DEM.
+    tangential_ratio : float
+        c_t of elastic probes.
+    tangential, shift, spread : ndarray, shape (n,)
+        a_t, X_1 and S of the closure, along the major compression.
+    """
+
+    loops: np.ndarray
+    levels: np.ndarray
+    grains: np.ndarray
+    tangential_ratio: float
+    tangential: np.ndarray
+    shift: np.ndarray
+    spread: np.ndarray
+
+
+def compute(disks, seeds):
+    """Loops and loadings of packings, and the closure with what was measured on them."""
     levels = np.linspace(0.0, 0.3, 31)
     loops, curves, inputs = [], [], []
     for seed in range(1, seeds + 1):
@@ -93,26 +121,38 @@ def main(disks=2000, seeds=2):
     )
     x1, a_t = -x1, -a_t
     spread = np.hypot(irreversible, mean["elastic_scatter"] * x1)
-    loop, curve = np.mean(loops, axis=0), np.mean(curves, axis=0)
-    target = Path(__file__).parent / "figures" / "closure_findings.png"
+    return Findings(
+        np.mean(loops, axis=0), levels, np.mean(curves, axis=0), mean["tangential_force_ratio"], a_t, x1, spread
+    )
+
+
+def draw(target, found, title):
+    """The figure."""
+    levels = found.levels
     with picture(target, 15.0, 4.4) as figure:
         left, middle, right = figure.subplots(1, 3)
-        left.plot(AMPLITUDES, loop[:, 0], "o-", color=BLACK, label="slip $k = -2 a_t/s^2$")
-        left.plot(AMPLITUDES, loop[:, 1], "s--", color=ORANGE, label="scatter $c_i = S_i/s^2$")
+        left.plot(AMPLITUDES, found.loops[:, 0], "o-", color=BLACK, label="slip $k = -2 a_t/s^2$")
+        left.plot(AMPLITUDES, found.loops[:, 1], "s--", color=ORANGE, label="scatter $c_i = S_i/s^2$")
         left.set(xlabel="stress ratio $s$ of the loop [-]", title="Left by loops, over $s^2$", ylim=(0.0, None))
         left.legend()
-        middle.plot(levels, curve[0], "o", color=BLACK, markersize=3.5, label="DEM")
-        middle.plot(levels, mean["tangential_force_ratio"] * levels, ":", color=ORANGE, label="elastic, $c_t s$")
-        middle.plot(levels, a_t, color=BLUE, label="$c_t s - k s^2$, then constant")
+        middle.plot(levels, found.grains[0], "o", color=BLACK, markersize=3.5, label="DEM")
+        middle.plot(levels, found.tangential_ratio * levels, ":", color=ORANGE, label="elastic, $c_t s$")
+        middle.plot(levels, found.tangential, color=BLUE, label="$c_t s - k s^2$, then constant")
         middle.set(xlabel="stress ratio $q/p$ [-]", title="Tangential-force anisotropy $a_t$ [-]")
         middle.legend()
-        right.plot(levels, curve[1] / CLASS_RATIO, "o", color=BLACK, markersize=3.5, label="DEM, shift $X_1$")
-        right.plot(levels, curve[2], "s", color=ORANGE, markersize=3.5, label="DEM, spread $S$")
-        right.plot(levels, x1, color=BLACK, linewidth=1.2, label="closure, shift")
-        right.plot(levels, spread, color=ORANGE, linestyle="--", linewidth=1.2, label="closure, spread")
+        right.plot(levels, found.grains[1] / CLASS_RATIO, "o", color=BLACK, markersize=3.5, label="DEM, shift $X_1$")
+        right.plot(levels, found.grains[2], "s", color=ORANGE, markersize=3.5, label="DEM, spread $S$")
+        right.plot(levels, found.shift, color=BLACK, linewidth=1.2, label="closure, shift")
+        right.plot(levels, found.spread, color=ORANGE, linestyle="--", linewidth=1.2, label="closure, spread")
         right.set(xlabel="stress ratio $q/p$ [-]", title="Shift and spread of weak forces [$f$]")
         right.legend()
-        figure.suptitle(f"What contacts do: {seeds} packings of {disks} disks", x=0.01, ha="left", fontsize=13)
+        figure.suptitle(title, x=0.01, ha="left", fontsize=13)
+
+
+def main(disks=2000, seeds=2):
+    """Compute and draw."""
+    target = Path(__file__).parent / "figures" / "closure_findings.png"
+    draw(target, compute(disks, seeds), f"What contacts do: {seeds} packings of {disks} disks")
     print(target)
 
 

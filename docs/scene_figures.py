@@ -1,8 +1,8 @@
-"""Pictures of docs/scenes.md: runs every shipped field scene and shrinks what it draws.
+"""Pictures of the catalogue: runs every shipped scene and shrinks what it draws.
 
-    python docs/scene_figures.py [RESULTS]
+    python docs/scene_figures.py [RESULTS] [NAME ...]
 
-Finished runs in RESULTS (results/scenes if not given) are used again.
+Finished runs in RESULTS (results/scenes if not given) are used again. With names, these scenes alone.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from granfabric.cases.scene.catalogue import shipped
 
 FIGURES = Path(__file__).resolve().parent / "figures"
 WIDTH = 900
+COMMANDS = {"point": ["point"], "field": ["run", "--set", "output.every=1000"], "dem": ["dem"]}
+SHOWN = {"point": "microvariables.png", "field": "overview.png", "dem": "overview.png"}
 
 
 def shrink(source: Path, target: Path, width: int = WIDTH) -> None:
@@ -27,21 +29,22 @@ def shrink(source: Path, target: Path, width: int = WIDTH) -> None:
     image.quantize(200, dither=Image.Dither.NONE).save(target, optimize=True)
 
 
-def main(results: Path) -> None:
+def main(results: Path, names: list[str]) -> None:
     """Run what is not finished, then draw."""
     for name, entry in shipped().items():
-        if entry.kind != "field" or entry.file.parent.name.startswith("effects"):
+        if entry.file.parent.name.startswith("effects") or (names and name not in names):
             continue
         folder = results / name
         record = folder / "run.json"
         if not record.is_file() or json.loads(record.read_text())["outcome"] != "finished":
-            command = [sys.executable, "-m", "granfabric", "run", name, "-o", str(folder), "--set", "output.every=1000"]
-            subprocess.run(command, check=True)
+            command, *more = COMMANDS[entry.kind]
+            arguments = [sys.executable, "-m", "granfabric", command, name, "-o", str(folder), *more]
+            subprocess.run(arguments, check=True)
         subprocess.run([sys.executable, "-m", "granfabric", "plot", str(folder)], check=True)
-        shrink(folder / "overview.png", FIGURES / f"scene_{name}.png")
+        shrink(folder / SHOWN[entry.kind], FIGURES / f"scene_{name}.png")
         if (folder / "closed_form.png").is_file():
             shrink(folder / "closed_form.png", FIGURES / f"scene_{name}_closed_form.png", WIDTH // 2)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("results/scenes"))
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("results/scenes"), sys.argv[2:])

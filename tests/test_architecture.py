@@ -24,8 +24,7 @@ ALLOWED: dict[str, set[str]] = {
         "skfem",
         "meshio",
         "cvxopt",
-        "granfabric.constitutive.contract",
-        "granfabric.constitutive.compilation",
+        *(f"granfabric.constitutive.{part}" for part in ("arrays", "compilation", "contract", "threads")),
     },
     "dem_ref": {"numpy", "numba", "scipy.spatial"},
     "cases": {
@@ -37,7 +36,7 @@ ALLOWED: dict[str, set[str]] = {
 
 FLOORS: dict[str, tuple[str, ...]] = {
     "constitutive": (
-        *("compilation", "contract", "threads", "effects", "material_table", "parameters", "lanes", "fabric"),
+        *("contract", "arrays", "compilation", "threads", "material_table", "parameters", "effects", "lanes", "fabric"),
         *("stiffness", "mixed_control", "network", "sliding", "integration", "state", "law", "path", "plain_laws"),
         "warm_up",
     ),
@@ -45,7 +44,9 @@ FLOORS: dict[str, tuple[str, ...]] = {
         *("accounting", "vectors", "mesh", "linear_solvers", "discretisation", "loads", "equilibrium", "output"),
         "warm_up",
     ),
-    "dem_ref": ("compilation", "sample", "dynamics", "measures", "loading", "inputs"),
+    "dem_ref": (
+        *("arrays", "compilation", "sample", "threads", "dynamics", "measures", "loading", "inputs", "ensemble"),
+    ),
     "cases": (
         *("errors", "terminal", "scene", "records", "field", "pictures", "effects", "verify", "cost", "commands"),
         "__main__",
@@ -198,3 +199,97 @@ def test_sources_stay_readable() -> None:
         str(file.relative_to(HOME)): len(file.read_text().splitlines()) for room in ROOMS for file in sources(room)
     }
     assert not {name: length for name, length in lengths.items() if length > 450}
+
+
+ENTERED = {
+    "granfabric.constitutive.law": {"initial_force_fabric", "smallest_step_factor", "update_points"},
+    "granfabric.constitutive.plain_laws.linear_elastic": {"_update"},
+    "granfabric.constitutive.plain_laws.von_mises": {"_update"},
+    "granfabric.fem.discretisation.assembly": {
+        *("strain_kernel", "element_force_kernel", "gather_force_kernel", "element_tangent_kernel"),
+        *("gather_tangent_kernel", "element_action_kernel"),
+    },
+    "granfabric.dem_ref.sample.neighbours": {"_fill_pairs", "_carry_over"},
+    "granfabric.dem_ref.dynamics.relaxation": {"_relax"},
+    "granfabric.dem_ref.dynamics.motion": {"refresh_contacts", "advance", "advance_two_threads", "write_back"},
+    "granfabric.cases.field.comparison": {"moduli_per_contact"},  # of plain numbers
+}
+"""Compiled kernels that are called from Python, by the module that calls them and has checked what it hands over."""
+
+
+def _is_compiled(node: ast.expr) -> bool:
+    """Whether this is ``compiled(...)``."""
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "compiled"
+
+
+def _kernels(tree: ast.Module) -> set[str]:
+    """Names of the kernels that a module defines, by decoration or by a call."""
+    names = set()
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef) and any(_is_compiled(entry) for entry in node.decorator_list):
+            names.add(node.name)
+        elif isinstance(node, ast.Assign) and isinstance(node.value, ast.Call) and _is_compiled(node.value.func):
+            names.update(target.id for target in node.targets if isinstance(target, ast.Name))
+    return names
+
+
+def _compiled_sources(tree: ast.Module) -> set[str]:
+    """Functions whose bodies are compiled: kernels, and what is handed to a call of ``compiled``."""
+    handed = {
+        argument.id
+        for node in tree.body
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call) and _is_compiled(node.value.func)
+        for argument in node.value.args
+        if isinstance(argument, ast.Name)
+    }
+    return handed | _kernels(tree)
+
+
+def entered(modules: dict[str, ast.Module]) -> dict[str, set[str]]:
+    """Kernels that each module names outside compiled code."""
+    kernels = {name: _kernels(tree) for name, tree in modules.items()}
+    found: dict[str, set[str]] = {}
+    for name, tree in modules.items():
+        known = {kernel: kernel for kernel in kernels[name]}
+        aliases = {}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom):
+                base = name.split(".")[: -node.level] if node.level else []
+                source = ".".join([*base, *([node.module] if node.module else [])])
+                for alias in node.names:
+                    if alias.name in kernels.get(source, ()):
+                        known[alias.asname or alias.name] = alias.name
+                    if f"{source}.{alias.name}" in kernels:
+                        aliases[alias.asname or alias.name] = f"{source}.{alias.name}"
+        left_out = _compiled_sources(tree)
+        for statement in tree.body:
+            if isinstance(statement, ast.FunctionDef) and statement.name in left_out:
+                continue
+            for node in ast.walk(statement):
+                if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id in known:
+                    found.setdefault(name, set()).add(known[node.id])
+                if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                    of = kernels.get(aliases.get(node.value.id, ""), set())
+                    found.setdefault(name, set()).update({node.attr} & of)
+    return {name: used for name, used in found.items() if used}
+
+
+def test_kernels_are_entered_only_where_arrays_are_checked() -> None:
+    """A new call of a kernel from Python has to be put down here, once what it hands over is checked."""
+    modules = {
+        ".".join((FRONT, *file.relative_to(HOME).with_suffix("").parts)): ast.parse(file.read_text(encoding="utf-8"))
+        for room in ROOMS
+        for file in sources(room)
+    }
+    assert sum(len(_kernels(tree)) for tree in modules.values()) > 140
+    assert entered(modules) == ENTERED
+
+
+def test_a_new_entry_would_be_found() -> None:
+    modules = {
+        "fem.a": ast.parse("@compiled()\ndef k(x):\n    return k(x)\ntwice = compiled(nogil=True)(raw)"),
+        "fem.b": ast.parse("from .a import k as f\nclass C:\n    def g(self):\n        return f(1)"),
+        "cases.c": ast.parse("from fem import a\ndef h(call):\n    call(a.twice)"),
+        "cases.d": ast.parse("from fem.a import k\n@compiled()\ndef inner(x):\n    return k(x)"),
+    }
+    assert entered(modules) == {"fem.b": {"k"}, "cases.c": {"twice"}}

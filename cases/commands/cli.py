@@ -7,6 +7,8 @@ Exit codes: 0 done; 1 the computation could not finish (what was reached is on d
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
@@ -21,29 +23,98 @@ app = typer.Typer(
     name="granfabric",
     help="Contact gain and loss in granular assemblies: at a point, and in boundary-value problems.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
 
-SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A shipped scene's name or a scene file.")]
+
+
+def _scene_names(context: typer.Context, incomplete: str) -> list[str]:
+    """What completes a scene: shipped ones that the command computes, and scene files and folders."""
+    from granfabric.cases.scene import catalogue
+
+    with suppress(Exception):  # a shell that completes has no use for errors
+        kind = {"point": "point", "run": "field", "dem": "dem", "convergence": "field"}.get(context.info_name or "")
+        names = [entry.name for entry in catalogue.shipped().values() if kind in (None, entry.kind)]
+        return [name for name in names if name.startswith(incomplete)] + catalogue.files_like(incomplete)
+    return []
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            typer.echo(f"granfabric {version('granfabric')}")
+        except PackageNotFoundError:
+            typer.echo("granfabric, not installed")
+        raise typer.Exit
+
+
+SceneArgument = Annotated[
+    str,
+    typer.Argument(metavar="SCENE", help="A shipped scene's name or a scene file.", autocompletion=_scene_names),
+]
 OutputOption = Annotated[
     Optional[Path],  # noqa: UP045  (typer reads the annotation at run time)
     typer.Option(
         "-o",
         "--output",
         metavar="DIR",
-        help="Result folder, results/SCENE if not given; new, empty, or of an earlier run, which is replaced.",
+        help="Result folder, results/SCENE if not given; new, empty, or of an earlier run of this scene, which is "
+        "replaced.",
     ),
+]
+OverwriteOption = Annotated[
+    bool, typer.Option("--overwrite", help="Replace results of another scene in the result folder.")
 ]
 SetOption = Annotated[
     Optional[list[str]],  # noqa: UP045
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scene, e.g. material.coordination=3.9."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override a key of the scene, e.g. material.coordination=3.9; files are relative to the working folder.",
+    ),
 ]
 UpgradeOption = Annotated[
     bool,
     typer.Option("--upgrade", help="Run again with the effects of which the audit says that they were missing."),
 ]
+QuietOption = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but warnings and errors.")]
+VerboseOption = Annotated[bool, typer.Option("-v", "--verbose", help="Say more: steps, and what solvers note.")]
+
+_said_before: dict[str, bool] = {}
+"""Options that stood before the command."""
+
+
+@app.callback()
+def options(
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
+    version: Annotated[
+        bool, typer.Option("--version", help="Show the version.", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Contact gain and loss in granular assemblies: at a point, and in boundary-value problems."""
+    _said_before.update(quiet=quiet, verbose=verbose)
+
+
+@contextmanager
+def _speaking(quiet: bool, verbose: bool) -> Iterator[Any]:
+    """The screen of a command, and its hold on the folders that it writes to."""
+    from granfabric.cases.records import lock
+    from granfabric.cases.terminal.screen import Screen
+
+    quiet, verbose = quiet or _said_before.get("quiet", False), verbose or _said_before.get("verbose", False)
+    if quiet and verbose:
+        raise InputError("-q and -v ask for opposite things; give one of them")
+    screen = Screen(quiet=quiet, verbose=verbose)
+    with screen.listening(), lock.command():
+        try:
+            yield screen
+        except (InputError, RunError, OSError) as error:
+            screen.log(f"granfabric: {error}")
+            raise
 
 
 def _upgraded(scene: str, given: list[str], record: Any, screen: Any) -> Any:
@@ -70,53 +141,61 @@ def run(
     scene: SceneArgument,
     output: OutputOption = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the folder.")] = False,
+    overwrite: OverwriteOption = False,
     assignments: SetOption = None,
     upgrade: UpgradeOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> None:
     """Compute a boundary-value problem."""
     from granfabric.cases.terminal.early_kernels import early_kernels
 
-    with early_kernels() as kernels:
+    with early_kernels() as kernels, _speaking(quiet, verbose) as screen:
         from granfabric.cases.scene import build
         from granfabric.cases.scene.reader import load
-        from granfabric.cases.terminal.screen import Screen
 
         from . import accuracy_report
         from .run import run_field
 
-        given, screen = list(assignments or []), Screen()
+        given = list(assignments or [])
         loaded = load(scene, given)
         loaded.require("field")
         kernels.start(build.kernels(loaded)[:1])
         accuracy_report.announce(loaded, screen)
-        record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels)
+        record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels, overwrite)
         while upgrade and record.outcome == "finished" and record.details.get("upgrade"):
             loaded = _upgraded(scene, given, record, screen)
-            record = run_field(loaded, _folder(output, loaded.name), screen, False, kernels)
+            record = run_field(loaded, _folder(output, loaded.name), screen, False, kernels, overwrite)
         accuracy_report.report(loaded, record, screen)
         _exit(record.outcome)
 
 
 @app.command()
 def point(
-    scene: SceneArgument, output: OutputOption = None, assignments: SetOption = None, upgrade: UpgradeOption = False
+    scene: SceneArgument,
+    output: OutputOption = None,
+    overwrite: OverwriteOption = False,
+    assignments: SetOption = None,
+    upgrade: UpgradeOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> None:
     """Compute one point along a path of stress or strain."""
-    from granfabric.cases.scene.reader import load
-    from granfabric.cases.terminal.screen import Screen
+    with _speaking(quiet, verbose) as screen:
+        from granfabric.cases.scene.reader import load
 
-    from . import accuracy_report
-    from .point import run_point
+        from . import accuracy_report
+        from .point import run_point
 
-    given, screen = list(assignments or []), Screen()
-    loaded = load(scene, given)
-    accuracy_report.announce(loaded, screen)
-    record = run_point(loaded, _folder(output, loaded.name), screen)
-    while upgrade and record.outcome == "finished" and record.details.get("upgrade"):
-        loaded = _upgraded(scene, given, record, screen)
-        record = run_point(loaded, _folder(output, loaded.name), screen)
-    accuracy_report.report(loaded, record, screen)
-    _exit(record.outcome)
+        given = list(assignments or [])
+        loaded = load(scene, given)
+        accuracy_report.announce(loaded, screen)
+        record = run_point(loaded, _folder(output, loaded.name), screen, overwrite)
+        while upgrade and record.outcome == "finished" and record.details.get("upgrade"):
+            loaded = _upgraded(scene, given, record, screen)
+            record = run_point(loaded, _folder(output, loaded.name), screen, overwrite)
+        accuracy_report.report(loaded, record, screen)
+        _exit(record.outcome)
 
 
 @app.command()
@@ -124,16 +203,19 @@ def dem(
     scene: SceneArgument,
     output: OutputOption = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the folder.")] = False,
+    overwrite: OverwriteOption = False,
     assignments: SetOption = None,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> None:
     """Pack and load disks by the discrete element method; measure the inputs of the point law."""
-    from granfabric.cases.scene.reader import load
-    from granfabric.cases.terminal.screen import Screen
+    with _speaking(quiet, verbose) as screen:
+        from granfabric.cases.scene.reader import load
 
-    from .dem import run_dem
+        from .dem import run_dem
 
-    loaded = load(scene, assignments or [])
-    _exit(run_dem(loaded, _folder(output, loaded.name), Screen(), resume).outcome)
+        loaded = load(scene, assignments or [])
+        _exit(run_dem(loaded, _folder(output, loaded.name), screen, resume, overwrite).outcome)
 
 
 @app.command()
@@ -143,13 +225,15 @@ def verify(
     ] = Path("results/verify"),
     particles: Annotated[int, typer.Option("--particles", metavar="N", help="Disks of a packing.")] = 2500,
     seeds: Annotated[int, typer.Option("--seeds", metavar="K", help="Packings; their scatter is the yardstick.")] = 1,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> None:
     """Compare the point law with the DEM: the source's four figures and a table of errors."""
-    from granfabric.cases.terminal.screen import Screen
+    with _speaking(quiet, verbose) as screen:
+        from .verify import run_verify
 
-    from .verify import run_verify
-
-    _exit(run_verify(output, particles, seeds, Screen()).outcome)
+        _exit(run_verify(output, particles, seeds, screen, overwrite).outcome)
 
 
 @app.command()
@@ -161,13 +245,15 @@ def cost(
     ] = Path("results/cost"),
     quick: Annotated[bool, typer.Option("--quick", help="Few and small settings, for a first look.")] = False,
     resume: Annotated[bool, typer.Option("--resume", help="Pass over studies that finished in DIR.")] = False,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> None:
     """Measure what accuracy costs in time: tables, work-precision pictures, one page."""
-    from granfabric.cases.terminal.screen import Screen
+    with _speaking(quiet, verbose) as screen:
+        from .cost import run_cost
 
-    from .cost import run_cost
-
-    _exit(run_cost(study, output, Screen(), quick, resume).outcome)
+        _exit(run_cost(study, output, screen, quick, resume, overwrite).outcome)
 
 
 @app.command()
@@ -177,18 +263,44 @@ def convergence(
         str, typer.Option("--refine", metavar="N,N,...", help="Factors on the numbers of cells, ascending.")
     ] = "1,2,4",
     output: OutputOption = None,
+    overwrite: OverwriteOption = False,
     assignments: SetOption = None,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
 ) -> None:
     """Compare a scene with its closed form on finer and finer meshes, at constant stiffness."""
-    from granfabric.cases.terminal.screen import Screen
+    with _speaking(quiet, verbose) as screen:
+        from .convergence import run_convergence
 
-    from .convergence import run_convergence
+        factors = refine.split(",")
+        if not all(factor.isdecimal() for factor in factors):
+            raise InputError(f"--refine {refine!r} is not a list of numbers such as 1,2,4")
+        folder = _folder(output, f"{Path(scene).stem}_convergence")
+        run_convergence(scene, assignments or [], [int(factor) for factor in factors], folder, screen, overwrite)
 
-    factors = refine.split(",")
-    if not all(factor.isdecimal() for factor in factors):
-        raise InputError(f"--refine {refine!r} is not a list of numbers such as 1,2,4")
-    name = f"{Path(scene).stem}_convergence"
-    run_convergence(scene, assignments or [], [int(factor) for factor in factors], _folder(output, name), Screen())
+
+@app.command()
+def mesh(
+    target: Annotated[str, typer.Argument(metavar="FILE", help="A Gmsh file (.msh), or a scene with a mesh.")],
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("-o", "--output", metavar="FILE.png", help="Picture; NAME_mesh.png if not given."),
+    ] = None,
+    assignments: SetOption = None,
+    parts: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            "--parts", metavar="WORD", help="Of a .msh file: joined (one body), or separate (bodies, cracks)."
+        ),
+    ] = None,
+    verbose: VerboseOption = False,
+) -> None:
+    """Look at a mesh: its boundaries and regions with their sizes, and a picture with their names."""
+    with _speaking(False, verbose) as screen:
+        screen.quiet = False  # what it says is what it is for
+        from .mesh import run_mesh
+
+        run_mesh(target, output, assignments or [], parts, screen)
 
 
 @app.command()
@@ -200,14 +312,15 @@ def schema() -> None:
 
 
 @app.command()
-def effects(scene: SceneArgument, assignments: SetOption = None) -> None:
+def effects(scene: SceneArgument, assignments: SetOption = None, verbose: VerboseOption = False) -> None:
     """Decide which effects a scene needs, and say why."""
-    from granfabric.cases.scene.reader import load
-    from granfabric.cases.terminal.screen import Screen
+    with _speaking(False, verbose) as screen:
+        screen.quiet = False  # what it says is all that it does
+        from granfabric.cases.scene.reader import load
 
-    from .effects import show_effects
+        from .effects import show_effects
 
-    show_effects(load(scene, assignments or []), Screen())
+        show_effects(load(scene, assignments or []), screen)
 
 
 @app.command()
@@ -274,7 +387,7 @@ def main() -> None:
         sys.stderr.write("granfabric: interrupted\n")
         sys.exit(1)
     except InputError as error:
-        sys.stderr.write(f"granfabric: {error}\n")
+        sys.stderr.write("".join(f"granfabric: {line}\n" for line in str(error).split("\n")))
         sys.exit(2)
     except (RunError, OSError) as error:
         sys.stderr.write(f"granfabric: {error}\n")

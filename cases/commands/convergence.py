@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,11 @@ import numpy as np
 
 from granfabric.cases.errors import InputError, RunError
 from granfabric.cases.field import closed_forms, comparison
+from granfabric.cases.field.initial_balance import Balance
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.pictures.style import BLUE, RED, picture
 from granfabric.cases.records import files
+from granfabric.cases.records.record import versions
 from granfabric.cases.scene.reader import LoadedScene, load
 from granfabric.cases.terminal.screen import Screen
 from granfabric.fem.equilibrium.results import StepResult
@@ -72,7 +74,8 @@ def solve_level(loaded: LoadedScene, refine: int) -> Level:
 
     summary = solve(problem, control, on_step=keep)
     if not summary.finished:
-        raise RunError(f"the mesh refined {refine} times was not solved: {summary.message}")
+        reminder = Balance(problem).reminder(summary.stage)
+        raise RunError(f"the mesh refined {refine} times was not solved: {summary.message}{reminder}")
     found = comparison.compare(loaded, problem, last[0])
     space = problem.space
     size = float(np.sqrt(space.weights.sum() / space.nelements))
@@ -88,7 +91,12 @@ def order(coarse: Level, fine: Level, name: str) -> float | None:
 
 
 def run_convergence(
-    scene: str, assignments: Sequence[str], refinements: Sequence[int], folder: Path, screen: Screen
+    scene: str,
+    assignments: Sequence[str],
+    refinements: Sequence[int],
+    folder: Path,
+    screen: Screen,
+    overwrite: bool = False,
 ) -> list[Level]:
     """Solve a scene on several meshes; write `convergence.csv` and `convergence.png`.
 
@@ -102,6 +110,8 @@ def run_convergence(
         Factors on the numbers of cells, ascending.
     folder : Path
     screen : Screen
+    overwrite : bool
+        Replace results of another scene, or of a run, too.
 
     Raises
     ------
@@ -114,6 +124,8 @@ def run_convergence(
     every = [load(scene, [*assignments, *CONSTANT_STIFFNESS, f"mesh.refine={factor}"]) for factor in refinements]
     for loaded in every:
         loaded.require("field")
+    owner = replace(every[0].owner, kind="convergence")
+    files.check_output(folder, owner, overwrite)
     since = time.perf_counter()
     levels = [solve_level(loaded, factor) for loaded, factor in zip(every, refinements)]
     orders = {
@@ -135,16 +147,15 @@ def run_convergence(
             for refine, size, dofs, *rest in rows
         ],
     )
-    files.check_output(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    files.write_json(
-        folder / files.RECORD,
-        {"program": files.PROGRAM, "kind": "convergence", "name": every[0].name, "scene": {"title": title}},
-    )
-    files.write_text(
-        folder / TABLE, files.csv_text([*COLUMNS, LAST], [["" if v is None else v for v in r] for r in rows])
-    )
-    _draw(folder / PICTURE, levels, f"{title}\nagainst {form}, {every[0].scene.mesh.element} elements")
+    with files.held(folder, owner, overwrite):
+        files.prepare_output(folder, owner, overwrite)
+        record = {"program": files.PROGRAM, "kind": owner.kind, "name": owner.name, "scene_file": owner.place}
+        files.write_json(folder / files.RECORD, {**record, "outcome": "finished", "scene": {"title": title}})
+        screen.keep_log(folder / files.LOG, versions())
+        files.write_text(
+            folder / TABLE, files.csv_text([*COLUMNS, LAST], [["" if v is None else v for v in r] for r in rows])
+        )
+        _draw(folder / PICTURE, levels, f"{title}\nagainst {form}, {every[0].scene.mesh.element} elements")
     screen.say(f"{time.perf_counter() - since:.1f} s; results in {folder}")
     return levels
 

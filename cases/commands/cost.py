@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import platform
@@ -17,7 +16,7 @@ from granfabric.cases.cost.catalogue import STUDIES, chosen
 from granfabric.cases.cost.page import page
 from granfabric.cases.cost.study import Effort, Row, Study, StudyError, StudyStopped
 from granfabric.cases.errors import InputError, RunError
-from granfabric.cases.records import files
+from granfabric.cases.records import files, lock
 from granfabric.cases.records.record import versions
 from granfabric.cases.terminal.clock import one_thread
 from granfabric.cases.terminal.compile_watch import watching
@@ -43,7 +42,7 @@ class Outcome:
 def read_record(folder: Path) -> dict[str, Any] | None:
     """The `cost.json` of a folder if it is one of ours, else None."""
     try:
-        data = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        data = files.read_json(folder / RECORD)
     except (OSError, ValueError):
         return None
     ours = isinstance(data, dict) and data.get("program") == files.PROGRAM and data.get("kind") == KIND
@@ -51,7 +50,12 @@ def read_record(folder: Path) -> dict[str, Any] | None:
 
 
 def run_cost(
-    name: str | None, folder: Path, screen: Screen, quick: bool = False, resume: bool = False
+    name: str | None,
+    folder: Path,
+    screen: Screen,
+    quick: bool = False,
+    resume: bool = False,
+    overwrite: bool = False,
 ) -> Outcome:
     """Compute the named study, or all, and write table, picture and page.
 
@@ -70,6 +74,8 @@ def run_cost(
         Few and small settings.
     resume : bool
         Pass over studies that finished in this folder, in the same size.
+    overwrite : bool
+        Replace the results of another command.
 
     Raises
     ------
@@ -79,7 +85,15 @@ def run_cost(
         If a study could not be computed; the others are on disk.
     """
     asked = chosen(name)
-    record = _take_folder(folder)
+    _take_folder(folder, overwrite)
+    with lock.held(folder):
+        return _run(asked, folder, screen, quick, resume)
+
+
+def _run(asked: Sequence[Study], folder: Path, screen: Screen, quick: bool, resume: bool) -> Outcome:
+    """Compute studies in a folder that is held."""
+    record = _begin(folder)
+    screen.keep_log(folder / files.LOG, versions())
     studies = [study for study in asked if not (resume and record["studies"].get(study.name, {}).get("quick") is quick)]
     done: list[str] = []
     failed: list[str] = []
@@ -139,20 +153,18 @@ def _compute(study: Study, quick: bool, screen: Screen, stop: Any, store: Path) 
     return rows, time.perf_counter() - since
 
 
-def _take_folder(folder: Path) -> dict[str, Any]:
-    """Make the folder; the record of the studies in it.
+def _take_folder(folder: Path, overwrite: bool) -> None:
+    """Make the folder, unless it holds something else.
 
     Raises
     ------
     InputError
     """
-    empty: dict[str, Any] = {"program": files.PROGRAM, "kind": KIND, "format": FORMAT, "studies": {}}
-    found = read_record(folder)
-    if found is None:
-        if folder.is_dir() and files.read_record(folder) is not None:
+    if read_record(folder) is None:
+        if not overwrite and folder.is_dir() and files.read_record(folder) is not None:
             raise InputError(
                 f"the output folder {str(folder)!r} holds the result of another command; choose a new or empty folder "
-                "with -o"
+                "with -o, or replace it with --overwrite"
             )
         files.check_output(folder)
     elif not os.access(folder, os.W_OK | os.X_OK):
@@ -161,7 +173,14 @@ def _take_folder(folder: Path) -> dict[str, Any]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"the output folder {str(folder)!r} cannot be made: {error.strerror}") from error
+
+
+def _begin(folder: Path) -> dict[str, Any]:
+    """The record of the studies in a folder that is held; one without studies in a new one."""
+    empty: dict[str, Any] = {"program": files.PROGRAM, "kind": KIND, "format": FORMAT, "studies": {}}
+    found = read_record(folder)
     if found is None:
+        files.prepare_output(folder)
         # from here on the folder is ours, also if the first study does not finish
         files.write_json(folder / RECORD, empty)
         return empty

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -10,21 +11,22 @@ import numpy as np
 from granfabric.cases.errors import InputError, RunError
 from granfabric.cases.records import files
 from granfabric.cases.records.dem_series import DemSeries, history_text
-from granfabric.cases.records.record import Record, resolved
-from granfabric.cases.scene.dem_path import PathError, packing_options, run_options
-from granfabric.cases.scene.material_file import material_text, read_material
+from granfabric.cases.records.record import Record, resolved, versions
+from granfabric.cases.scene.dem_path import PathError, leg_numbers, packing_options, run_options
+from granfabric.cases.scene.material_file import material_text, read_material, refusal
+from granfabric.cases.scene.measured import Inputs, as_data, from_data, inputs_of, measure_inputs, refused, warnings
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.compile_watch import CompileWatch, watching
 from granfabric.cases.terminal.interruption import StopWish, stop_wish
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.dem_ref.dynamics.motion import UnstableMotionError
 from granfabric.dem_ref.dynamics.packing import PackingError, make_packing
-from granfabric.dem_ref.inputs.material import measure_material
-from granfabric.dem_ref.inputs.probes import ProbeError
-from granfabric.dem_ref.inputs.sliding import measure_sliding
+from granfabric.dem_ref.inputs.probes import ProbeError, at_rest
+from granfabric.dem_ref.inputs.sliding import measure_sliding_with_errors
 from granfabric.dem_ref.inputs.weak_contacts import LOOP_STRESS_RATIO
+from granfabric.dem_ref.loading.legs import axial_stress_ratio
 from granfabric.dem_ref.loading.run import DemRun, RunOptions
-from granfabric.dem_ref.measures.contacts import contacts_of, coordination_number, fabric_anisotropy, unbalanced_force
+from granfabric.dem_ref.measures.contacts import contacts_of, coordination_number, unbalanced_force
 from granfabric.dem_ref.sample.disks import Sample, SampleError, load_sample, save_sample
 from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 
@@ -34,6 +36,9 @@ COMPILATION_SECONDS = 15
 
 PHASES = ("packing", "measuring", "loading")
 
+NEAR = 0.01
+"""A leg driven to a stress ratio has reached it within this."""
+
 
 class _Stopped(Exception):
     """Ctrl-C between two parts of the packing."""
@@ -42,17 +47,13 @@ class _Stopped(Exception):
 def measured_inputs(
     sample: Sample, rattlers: str = "included", loop_stress_ratio: float = LOOP_STRESS_RATIO
 ) -> dict[str, float]:
-    """Everything measured on a packing that the point law may take, by the names of scene keys.
-
-    Besides `dem_ref.material.measure_material` the fabric of the packing itself, which is isotropic only on average.
-    """
-    fabric = fabric_anisotropy(contacts_of(sample))
-    measured = measure_material(sample, rattlers, loop_stress_ratio)
-    measured |= {"initial_fabric_xx": fabric[0], "initial_fabric_xy": fabric[1]}
-    return {name: float(value) for name, value in measured.items() if np.isfinite(value)}
+    """The values of `measured.measure_inputs`, by the names of scene keys, without what the packing does not give."""
+    return measure_inputs(sample, rattlers, loop_stress_ratio).values
 
 
-def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = False) -> Record:
+def run_dem(
+    loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = False, overwrite: bool = False
+) -> Record:
     """Compute a DEM scene and write its files.
 
     Parameters
@@ -60,10 +61,13 @@ def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = Fa
     loaded : LoadedScene
         Of kind "dem".
     folder : Path
-        Result folder: new, empty, or of an earlier run, which is replaced, or continued with `resume`.
+        Result folder: new, empty, or of an earlier run of the same scene, which is replaced, or continued with
+        `resume`.
     screen : Screen
     resume : bool
         Go on from the packing or the checkpoint in the folder.
+    overwrite : bool
+        Replace results of another scene too.
 
     Returns
     -------
@@ -83,28 +87,35 @@ def run_dem(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = Fa
         options = run_options(scene)
     except PathError as error:
         raise loaded.error(["path"], str(error)) from error
-    record = Record(folder, loaded.name, resolved(loaded, None))
+    owner = loaded.owner
+    record = Record(folder, loaded.name, resolved(loaded, None), scene_file=owner.place)
     with (
         watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
         stop_wish(screen.announce_stop) as stop,
+        ExitStack() as hold,
     ):
         kept: tuple[Sample | None, DemRun | None] = (None, None)
+        if resume:
+            _take_over(folder, record)  # refuses before anything is made
+        hold.enter_context(files.held(folder, owner, overwrite, resume))
         if resume:
             _take_over(folder, record)
             kept = _kept(folder, options)
         else:
-            files.prepare_output(folder)
+            files.prepare_output(folder, owner, overwrite)
         record.write()
+        screen.keep_log(folder / files.LOG, versions())
         try:
-            sample = kept[0] or _packing(scene, record, screen, stop, watch)
+            sample = _resting(kept[0] or _packing(scene, record, screen, stop, watch), record, screen)
             _measure(scene, sample, record, screen, watch)
-            run = _load(loaded.name, kept[1] or DemRun(sample, options), sample, record, screen, stop, watch)
+            run = kept[1] or DemRun(sample, options)
+            _load(loaded, run, sample, record, screen, stop, watch)
             if scene.measure.sliding and run.finished:
                 _measure_sliding(scene, run, record, screen)
         except _Stopped:
             record.outcome, record.message = "stopped", "stopped while packing"
             run = None
-        except (PackingError, CellTooSmallError, SampleError, UnstableMotionError) as error:
+        except (PackingError, CellTooSmallError, SampleError, ProbeError, UnstableMotionError) as error:
             record.outcome, record.message = "failed", str(error)
             run = None
         except KeyboardInterrupt as error:
@@ -141,7 +152,7 @@ def _take_over(folder: Path, record: Record) -> None:
     for phase in PHASES:
         if phase in earlier.get("timing", {}):
             record.timing[phase] = earlier["timing"][phase]
-    for entry in ("material", "million_particle_steps_a_second"):
+    for entry in ("material", "measured", "sliding", "million_particle_steps_a_second"):
         if entry in earlier:
             record.details[entry] = earlier[entry]
 
@@ -171,6 +182,19 @@ def _packing(scene: Any, record: Record, screen: Screen, stop: StopWish, watch: 
     return sample
 
 
+def _resting(sample: Sample, record: Record, screen: Screen) -> Sample:
+    """The packing at rest: itself, or a copy held at its stress until it is."""
+    resting = at_rest(sample)
+    if resting is not sample:
+        unbalanced = unbalanced_force(sample)
+        record.details["settled_from_unbalanced_force"] = unbalanced
+        screen.say(
+            f"the packing is not at rest (unbalanced force {unbalanced:.2g}): a copy, held at its stress until it is, "
+            "is measured and loaded"
+        )
+    return resting
+
+
 def _measure(scene: Any, sample: Sample, record: Record, screen: Screen, watch: CompileWatch) -> None:
     """Measure the inputs of the point law once, to `material.toml`."""
     contacts = contacts_of(sample)
@@ -189,13 +213,14 @@ def _measure(scene: Any, sample: Sample, record: Record, screen: Screen, watch: 
     with screen.progress("measuring", 1.0) as advance, record.phase("measuring", watch):
         advance(0.0, "probes and a loop on copies of the packing")
         try:
-            measured = measured_inputs(sample, scene.measure.rattlers, scene.measure.loop_stress_ratio)
+            measured = measure_inputs(sample, scene.measure.rattlers, scene.measure.loop_stress_ratio)
         except (ProbeError, SampleError) as error:
             record.details["material"] = f"not measured: {error}"
             screen.say(f"the inputs of the point law could not be measured: {error}")
             return
-    files.write_text(path, material_text(measured, record.scene["title"]))
+    files.write_text(path, material_text(measured.values, record.scene["title"], measured.errors, measured.missing))
     record.details["material"] = files.MATERIAL
+    record.details["measured"] = as_data(measured)
 
 
 def _measure_sliding(scene: Any, run: DemRun, record: Record, screen: Screen) -> None:
@@ -211,13 +236,18 @@ def _measure_sliding(scene: Any, run: DemRun, record: Record, screen: Screen) ->
     last = int(np.argmax(history["segment"] > 0)) or len(history["segment"]) - 1
     history = {name: column[: last + 1] for name, column in history.items()}
     try:
-        sliding, misfit = measure_sliding(history, measured, scene.measure.rattlers)
+        found, misfit = measure_sliding_with_errors(history, measured, scene.measure.rattlers)
     except SampleError as error:
         record.details["sliding"] = f"not measured: {error}"
         screen.say(f"the parameters of sliding could not be measured: {error}")
         return
-    files.write_text(path, material_text(measured | sliding, record.scene["title"]))
+    sliding = {name: entry.value for name, entry in found.items()}
+    before = from_data(record.details.get("measured"))
+    every = before.joined(inputs_of(found))
+    text = material_text(measured | sliding, record.scene["title"], every.errors, before.missing)
+    files.write_text(path, text)
     record.details["sliding"] = {**sliding, "misfit": misfit}
+    record.details["measured"] = as_data(every)
     screen.say(
         f"sliding: peak {sliding['peak_stress_ratio']:.3f}, reference strain "
         f"{sliding['reference_plastic_strain']:.2e}, dilatancy {sliding['dilatancy']:.2f} from q/p = "
@@ -226,8 +256,14 @@ def _measure_sliding(scene: Any, run: DemRun, record: Record, screen: Screen) ->
 
 
 def _load(
-    name: str, run: DemRun, sample: Sample, record: Record, screen: Screen, stop: StopWish, watch: CompileWatch
-) -> DemRun:
+    loaded: LoadedScene,
+    run: DemRun,
+    sample: Sample,
+    record: Record,
+    screen: Screen,
+    stop: StopWish,
+    watch: CompileWatch,
+) -> None:
     """Carry the sample along its path, on from the checkpoint if there is one."""
     folder, output = record.folder, record.scene["output"]
     checkpoint = folder / files.CHECKPOINT
@@ -239,23 +275,51 @@ def _load(
         files.write_text(folder / files.HISTORY, history_text(state))
         series.add(len(state.rows) - 1, state.sample, last=state.finished)
 
-    with screen.progress(name, 1.0) as advance, record.phase("loading", watch):
+    numbers = leg_numbers(loaded.scene)
+    with screen.progress(loaded.name, 1.0) as advance, record.phase("loading", watch):
 
         def progress(state: DemRun) -> None:
             row = state.rows[-1]
-            advance(state.completed_fraction(), f"leg {int(row[-1]) + 1}, q/p = {row[8] / row[7]:.3f}")
+            leg = numbers[min(int(row[-1]), len(numbers) - 1)]
+            advance(state.completed_fraction(), f"leg {leg}, q/p = {_ratio(row[8], row[7])}")
 
         on_record(run)
         run.execute(progress, stop, on_record, checkpoint, output["checkpoint_seconds"])
     on_record(run)
-    record.outcome = "stopped" if not run.finished else "failed" if run.message else "finished"
-    record.message = run.message or ("" if run.finished else "stopped; continue with --resume")
+    record.outcome = "stopped" if not run.finished else "failed" if run.reason else "finished"
+    record.message = "" if run.finished else "stopped; continue with --resume"
+    if run.reason:
+        record.message = f"leg {numbers[run.segment - 1]}: {run.reason}"
+    record.details["not_reached"] = _not_reached(run, numbers)
     record.details["dem_steps"] = run.motion.steps_done
     record.details["records"] = len(run.rows)
     steps, seconds = run.motion.steps_done - before, record.timing["loading"] - spent
     if steps > 0 and seconds > 0.0:
         record.details["million_particle_steps_a_second"] = steps * sample.count / seconds / 1e6
-    return run
+
+
+def _not_reached(run: DemRun, numbers: list[int]) -> list[str]:
+    """Legs that ended at their largest strain, not at their stress ratio."""
+    h = run.history()
+    found = []
+    for place, segment in enumerate(run.options.segments):
+        after = np.flatnonzero(h["segment"] > place)  # the last record of a leg already bears the number of the next
+        given_up = bool(run.reason) and place == run.segment - 1
+        if segment.kind != "biaxial" or segment.stress_ratio is None or len(after) == 0 or given_up:
+            continue
+        stress = np.array([h[f"stress_{name}"][after[0]] for name in ("xx", "yy", "xy")])
+        ratio = axial_stress_ratio(stress, segment.angle)
+        if np.sign(segment.shear_strain) * (segment.stress_ratio - ratio) > NEAR:
+            found.append(
+                f"leg {numbers[place]} ended at its largest strain of {abs(segment.shear_strain):g}, at q/p = "
+                f"{ratio:.3f} instead of {segment.stress_ratio:g}"
+            )
+    return found
+
+
+def _ratio(q: float, p: float, digits: int = 3) -> str:
+    """q/p, or a dash where no pressure is left."""
+    return f"{q / p:.{digits}f}" if p > 0.0 else "-"
 
 
 def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
@@ -266,7 +330,7 @@ def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
                 f"{int(h['segment'][max(row - 1, 0)]) + 1}",  # the last record of a leg counts it as done
                 f"{(h['strain_xx'][row] - h['strain_yy'][row]) * 1e6:.1f}",
                 f"{h['p'][row] / 1e3:.2f}",
-                f"{h['q'][row] / h['p'][row]:.4f}",
+                _ratio(h["q"][row], h["p"][row], 4),
                 *(f"{h[name][row]:.4f}" for name in _TABLE),
             ]
             for row in spread(len(h["p"]), 9)
@@ -280,12 +344,29 @@ def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
             f"inertial number up to {h['inertial_number'].max():.1e}, "
             f"unbalanced force up to {h['unbalanced_force'].max():.1e}"
         )
+        for line in record.details["not_reached"]:
+            screen.say(line)
+    measured = from_data(record.details.get("measured"))
+    doubtful = _doubts(measured)
+    for line in doubtful:
+        screen.say(f"{files.MATERIAL}: {line}")
     if record.outcome != "finished":
-        screen.say(f"{record.outcome}: {record.message}")
+        screen.say(f"{record.outcome}: {record.message}", insist=True)
     phases = ", ".join(
         f"{name} {record.timing[name]:.1f} s" for name in (*PHASES, "compilation") if name in record.timing
     )
-    screen.say(f"{phases}; results in {record.folder}")
+    many = "s" if len(doubtful) > 1 else ""
+    warned = f"; {len(doubtful)} warning{many} on {files.MATERIAL}" if doubtful else ""
+    if illegal := refused(measured):
+        warned += f", the law will refuse {', '.join(illegal)}"
+    screen.say(f"{phases}; results in {record.folder}{warned}")
+
+
+def _doubts(measured: Inputs) -> list[str]:
+    """One line for each measured value that is in doubt, or that the law will refuse."""
+    said = warnings(measured)
+    complaint = "" if refused(measured) or not measured.values else refusal(measured.values)
+    return [*said, f"the law will refuse it: {complaint}"] if complaint else said
 
 
 _TABLE = (

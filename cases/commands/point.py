@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 from granfabric.cases.effects import audit as effects_audit
@@ -9,11 +10,11 @@ from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.resolve import settle_point
 from granfabric.cases.field import memory
 from granfabric.cases.records import files
-from granfabric.cases.records.record import Record, resolved
+from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import start_state
 from granfabric.cases.scene import build
 from granfabric.cases.scene.effects_choice import resolve_effects
-from granfabric.cases.scene.point_path import legs_of
+from granfabric.cases.scene.point_path import legs_of, remarks
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.compile_watch import watching
 from granfabric.cases.terminal.interruption import stop_wish
@@ -32,7 +33,7 @@ AUDITED_INCREMENTS = 20_000
 TABLE_COLUMNS = ("step", "p", "q", "coordination", "fabric_anisotropy", "normal_force_anisotropy", "mean_normal_force")
 
 
-def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
+def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool = False) -> Record:
     """Compute a point scene and write its files.
 
     Parameters
@@ -40,8 +41,10 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
     loaded : LoadedScene
         Of kind "point".
     folder : Path
-        Result folder: new, empty, or of an earlier run, which is replaced.
+        Result folder: new, empty, or of an earlier run of the same scene, which is replaced.
     screen : Screen
+    overwrite : bool
+        Replace results of another scene too.
 
     Returns
     -------
@@ -55,11 +58,14 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
     RunError
         If the run broke off within the first step; later interruptions wait for its files.
     """
+    since, owner = time.perf_counter(), loaded.owner
     loaded.require("point")
     legs = legs_of(loaded.scene)
     increments = sum(leg.increments for leg in legs)
     memory.refuse_beyond(BYTES_PER_STEP * increments, f"{loaded.file}: path, {increments} increments in all,")
-    files.check_output(folder)
+    files.check_output(folder, owner, overwrite)
+    for text in remarks(loaded.scene):
+        screen.say(text)
     with watching(screen.announce_compilation(COMPILATION_SECONDS)) as early:
         loaded, decision = settle_point(loaded)
     effects_report.announce(decision, None, screen)
@@ -67,52 +73,54 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen) -> Record:
     effects = resolve_effects(scene)
     law = build.law(loaded, effects)
     state = start_state(loaded, law.description)
-    files.prepare_output(folder)
-    record = Record(folder, loaded.name, resolved(loaded, effects))
-    record.details["decision"] = effects_report.as_data(decision)
-    record.write()
-    total = sum(leg.increments for leg in legs)
-    with stop_wish(screen.announce_stop) as stop:
-        with (
-            watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
-            screen.progress(loaded.name, total) as advance,
-            record.phase("path"),
-        ):
+    with files.held(folder, owner, overwrite):
+        files.prepare_output(folder, owner, overwrite)
+        record = Record(folder, loaded.name, resolved(loaded, effects), scene_file=owner.place, since=since)
+        record.details["decision"] = effects_report.as_data(decision)
+        record.write()
+        screen.keep_log(folder / files.LOG, versions())
+        total = sum(leg.increments for leg in legs)
+        with stop_wish(screen.announce_stop) as stop:
+            with (
+                watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
+                screen.progress(loaded.name, total) as advance,
+                record.phase("path"),
+            ):
 
-            def on_step(done: int, of: int) -> None:
-                # From now on there is a history to lose. Steps are short once the kernels are compiled.
-                stop.shielded = True
-                advance(done, f"step {done} of {of}")
+                def on_step(done: int, of: int) -> None:
+                    # From now on there is a history to lose. Steps are short once the kernels are compiled.
+                    stop.shielded = True
+                    advance(done, f"step {done} of {of}")
 
+                try:
+                    history = drive(law, scene.initial.stress, legs, on_step=on_step, stop=stop, state=state)
+                except KeyboardInterrupt as error:
+                    raise record.broken_off("interrupted within the first step") from error
+            record.timing["compilation"] = early.seconds + watch.seconds
+            record.timing["path"] -= watch.seconds
+            names = list(history.columns)
+            rows = list(zip(*(history.columns[name].tolist() for name in names)))
             try:
-                history = drive(law, scene.initial.stress, legs, on_step=on_step, stop=stop, state=state)
-            except KeyboardInterrupt as error:
-                raise record.broken_off("interrupted within the first step") from error
-        record.timing["compilation"] = early.seconds + watch.seconds
-        record.timing["path"] -= watch.seconds
-        names = list(history.columns)
-        rows = list(zip(*(history.columns[name].tolist() for name in names)))
-        try:
-            files.write_text(folder / files.HISTORY, files.csv_text(names, rows))
-        except OSError as error:
-            raise record.broken_off(f"results cannot be written: {error}") from error
-        record.details["steps"] = len(rows) - 1
-        record.outcome = "finished" if history.finished else "stopped" if stop.wished else "failed"
-        record.message = history.message
-        record.write()
-    if scene.output.pictures:
-        from granfabric.cases.pictures.draw import draw
+                files.write_text(folder / files.HISTORY, files.csv_text(names, rows))
+            except OSError as error:
+                raise record.broken_off(f"results cannot be written: {error}") from error
+            record.details["steps"] = len(rows) - 1
+            record.outcome = "finished" if history.finished else "stopped" if stop.wished else "failed"
+            record.message = history.message
+            record.write()
+        if scene.output.pictures:
+            from granfabric.cases.pictures.draw import draw
 
-        with record.phase("pictures"):
-            draw(folder, record.scene)
-        record.write()
-    _report(history, record, screen)
-    if history.finished and state is None and increments <= AUDITED_INCREMENTS:
-        with record.phase("audit"):
-            audit = effects_audit.audit_point(loaded, history)
-        effects_audit.conclude(audit, loaded, record, screen)
-        record.write()
-    return record
+            with record.phase("pictures"):
+                draw(folder, record.scene)
+            record.write()
+        _report(history, record, screen)
+        if history.finished and state is None and increments <= AUDITED_INCREMENTS:
+            with record.phase("audit"):
+                audit = effects_audit.audit_point(loaded, history)
+            effects_audit.conclude(audit, loaded, record, screen)
+            record.write()
+        return record
 
 
 def _report(history: PathHistory, record: Record, screen: Screen) -> None:
@@ -124,8 +132,14 @@ def _report(history: PathHistory, record: Record, screen: Screen) -> None:
         values = [f"{int(columns['step'][row])}", f"{p / 1e3:.2f}", f"{q / p:.3f}"]
         rows.append(values + [f"{columns[name][row]:.4f}" for name in TABLE_COLUMNS[3:]])
     screen.table(record.scene["title"], ["step", "p [kPa]", "q/p", "z", "a_c", "a_n", "f/f0"], rows)
+    limited = columns["limited"]
+    if limited.any():
+        screen.say(
+            f"rates were clipped at the limit of realisability in {int(limited.sum())} of {record.details['steps']} "
+            f"steps, first in step {int(columns['step'][limited.argmax()])}"
+        )
     if record.outcome != "finished":
-        screen.say(f"{record.outcome} after {record.details['steps']} steps: {record.message}")
+        screen.say(f"{record.outcome} after {record.details['steps']} steps: {record.message}", insist=True)
     screen.say(
         f"{record.details['steps']} steps in {record.timing['path']:.2f} s "
         f"(compilation {record.timing['compilation']:.1f} s); results in {record.folder}"

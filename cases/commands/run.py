@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -13,13 +15,13 @@ from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.resolve import settle_field
 from granfabric.cases.errors import InputError
-from granfabric.cases.field import comparison
+from granfabric.cases.field import comparison, initial_balance, mesh_table
 from granfabric.cases.field import mesh_error_estimate as mesh_judgement
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.records import files, resumption
 from granfabric.cases.records.field_history import FieldHistory
 from granfabric.cases.records.field_recorder import FieldRecorder
-from granfabric.cases.records.record import Record, resolved
+from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import write_failed_point
 from granfabric.cases.scene import build, effects_choice
 from granfabric.cases.scene.reader import LoadedScene
@@ -40,7 +42,12 @@ COMPILATION_SECONDS = 12
 
 
 def run_field(
-    loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = False, kernels: EarlyKernels | None = None
+    loaded: LoadedScene,
+    folder: Path,
+    screen: Screen,
+    resume: bool = False,
+    kernels: EarlyKernels | None = None,
+    overwrite: bool = False,
 ) -> Record:
     """Compute a field scene and write its files.
 
@@ -49,13 +56,15 @@ def run_field(
     loaded : LoadedScene
         Of kind "field".
     folder : Path
-        Result folder: new, empty, or of an earlier run, which is replaced.
+        Result folder: new, empty, or of an earlier run of the same scene, which is replaced.
     screen : Screen
     resume : bool
         Go on with the run in the folder after its last checkpoint; the results are those of a run in one go, to the
         last bit.
     kernels : EarlyKernels, optional
         Where the law's kernels are being compiled.
+    overwrite : bool
+        Replace results of another scene too.
 
     Returns
     -------
@@ -70,15 +79,28 @@ def run_field(
     RunError
         If the run broke off within a step; what was reached before is on disk.
     """
-    with watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch, stop_wish(screen.announce_stop) as stop:
-        files.check_output(folder)
-        earlier = resumption.earlier_record(folder) if resume else None
+    since, owner = time.perf_counter(), loaded.owner
+    with (
+        watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
+        stop_wish(screen.announce_stop) as stop,
+        ExitStack() as hold,
+    ):
+        files.check_output(folder, owner, overwrite or resume)
+        earlier = None
+        if resume:
+            resumption.earlier_record(folder)
+            hold.enter_context(files.held(folder, owner, resume=True))
+            earlier = resumption.earlier_record(folder)
         effects_choice.check(loaded)
         prepared = prepare(loaded)
+        second_order = loaded.scene.mesh.element.endswith("2")
+        mesh_table.show(prepared.problem.space.host_mesh, screen, second_order)
         waited = 0.0 if earlier is not None else _compile(loaded, kernels, watch, stop)
         loaded, prepared, decision = settle_field(loaded, prepared, earlier, stop())
         problem = prepared.problem
-        record = Record(folder, loaded.name, resolved(loaded, prepared.effects))
+        record = Record(
+            folder, loaded.name, resolved(loaded, prepared.effects), scene_file=owner.place, since=since
+        )
         digest = resumption.mesh_digest(record.scene)
         checkpoints = CheckpointFolder(folder, resumption.identity(record.scene, digest))
         resumed = None
@@ -91,24 +113,31 @@ def run_field(
                 return record
             resumed = _last_checkpoint(checkpoints, earlier, screen)
         record.details["mesh_digest"] = digest
+        record.details["mesh_groups"] = mesh_table.as_data(problem.space.host_mesh, second_order)
         record.details["size"] = {
             "elements": problem.space.nelements,
             "degrees_of_freedom": problem.space.ndofs,
             "integration_points": problem.space.npoints,
         }
+        hold.enter_context(files.held(folder, owner, overwrite, resume))
         if resumed is None:
-            files.prepare_output(folder)
+            files.prepare_output(folder, owner, overwrite or resume)
             record.write()
         else:
             record.details["resumed_after_step"] = resumed.result.step
+        screen.keep_log(folder / files.LOG, versions())
         if earlier is not None:
             waited = _compile(loaded, kernels, watch, stop)
         else:
             record.details["decision"] = effects_report.as_data(decision)
             effects_report.announce(decision, problem.law.description.linear_response, screen)
+        balance = initial_balance.Balance(problem)
+        if earlier is not None:
+            initial_balance.take_up(balance, earlier, record)
+        initial_balance.announce(balance, loaded, problem, record, screen)
         with (
             screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
-            record.phase("run"),
+            record.phase("run", watch),
         ):
             history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
             try:
@@ -121,6 +150,7 @@ def run_field(
 
                 def on_step(step: StepResult) -> None:
                     ways.add(step)
+                    initial_balance.report_release(balance, step, record, screen)
                     recorder(step)
 
                 summary = solve(
@@ -130,6 +160,7 @@ def run_field(
                     stop=stop,
                     resume=resumed,
                     on_checkpoint=recorder.save,
+                    clock=watch.clock,
                 )
                 recorder.close()
             except ControlError as error:
@@ -138,18 +169,18 @@ def run_field(
                 raise record.broken_off(f"results cannot be written any more: {error}") from error
             except KeyboardInterrupt as error:
                 raise record.broken_off("interrupted within a step") from error
-        _finish(record, summary, stop.wished)
+        _finish(record, summary, stop.wished, balance)
         if summary.failed_point is not None and record.outcome == "failed":
             write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
         record.timing["compilation"] = watch.seconds + waited
         audit = None
         if record.outcome == "finished" and resumed is None:  # else the ways of the first part are not known
-            with record.phase("audit"):
+            with record.phase("audit", watch):
                 audit = effects_audit.audit_field(loaded, problem, ways)
         if record.outcome == "finished" and loaded.scene.closed_form is not None:
             comparison.write(folder, record, comparison.compare(loaded, problem, recorder.last))
         if record.outcome == "finished":
-            with record.phase("mesh_error"):
+            with record.phase("mesh_error", watch):
                 mesh_judgement.judge(folder, record, problem, recorder.last)
         record.write()
         if loaded.scene.output.pictures:
@@ -209,9 +240,11 @@ def _compile(
     return kernels.wait(stop)
 
 
-def _finish(record: Record, summary: RunSummary, stopped: bool) -> None:
+def _finish(record: Record, summary: RunSummary, stopped: bool, balance: initial_balance.Balance) -> None:
     record.outcome = "finished" if summary.finished else "stopped" if stopped else "failed"
     record.message = summary.message
+    if record.outcome == "failed":
+        record.message += balance.reminder(summary.stage)
     record.details["counters"] = dict(summary.counters)
     record.details["linear_solver"] = summary.solver
     record.details["reached"] = {"stage": summary.stage, "fraction": summary.fraction}
@@ -245,8 +278,16 @@ def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: 
         f"{size['degrees_of_freedom']} degrees of freedom, {size['integration_points']} integration points; "
         f"{len(history.rows) - 1} steps, {summary.counters.get('factorisations', 0)} factorisations ({summary.solver})"
     )
+    limited = [int(count) for count in columns["limited_points"]]
+    if any(limited):
+        first = next(row for row, count in enumerate(limited) if count)
+        screen.say(
+            f"rates were clipped at the limit of realisability, at up to {max(limited)} of "
+            f"{size['integration_points']} points, first in step {columns['step'][first]}"
+        )
     if record.outcome != "finished":
-        screen.say(f"{record.outcome} in stage {summary.stage!r} at {summary.fraction:.0%}: {summary.message}")
+        where = f"{record.outcome} in stage {summary.stage!r} at {summary.fraction:.0%}"
+        screen.say(f"{where}: {record.message}", insist=True)
     screen.say(
         f"{record.timing['total']:.1f} s in all, of which compilation {record.timing['compilation']:.1f} s, "
         f"law {summary.seconds.get('law', 0.0):.1f} s, linear solver "

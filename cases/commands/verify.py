@@ -10,18 +10,21 @@ from numpy.typing import NDArray
 
 from granfabric.cases.errors import InputError
 from granfabric.cases.records import files
-from granfabric.cases.records.record import Record
+from granfabric.cases.records.record import Record, versions
 from granfabric.cases.scene.material_file import material_text
+from granfabric.cases.scene.measured import as_data, mean_of, warnings
+from granfabric.cases.scene.owner import Owner
 from granfabric.cases.terminal.compile_watch import watching
 from granfabric.cases.terminal.interruption import StopWish, stop_wish
 from granfabric.cases.terminal.screen import Screen
 from granfabric.cases.verify.closures import CLOSURE_COLUMNS, PROBE_COLUMNS, closure_rows, probe_rows
-from granfabric.cases.verify.dem_side import LOADINGS, STORE, DemStore, SeedResult, Stopped
+from granfabric.cases.verify.dem_side import LOADINGS, STORE, DemStore, RunGivenUpError, SeedResult, Stopped
 from granfabric.cases.verify.evaluate import evaluate
 from granfabric.cases.verify.paths import PATH_COLUMNS
 from granfabric.cases.verify.study import Study
 from granfabric.cases.verify.table import COLUMNS, TABLE_LEVELS, Comparison, largest_errors
 from granfabric.constitutive.parameters import ParameterError
+from granfabric.dem_ref.dynamics.motion import UnstableMotionError
 from granfabric.dem_ref.dynamics.packing import PackingError
 from granfabric.dem_ref.inputs.probes import ProbeError
 from granfabric.dem_ref.sample.disks import SampleError
@@ -33,9 +36,12 @@ PARTICLES, SEEDS = 2500, 1
 LEAST_PARTICLES, MOST_PARTICLES, MOST_SEEDS = 200, 200_000, 100
 COMPILATION_SECONDS = 60
 TITLE = "Point law against DEM"
+OWNER = Owner("verify", "verify", TITLE)
+DEM_ERRORS = (PackingError, ProbeError, SampleError, CellTooSmallError, UnstableMotionError, RunGivenUpError)
+"""What ends the DEM's part with a sentence."""
 
 
-def run_verify(folder: Path, particles: int, seeds: int, screen: Screen) -> Record:
+def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwrite: bool = False) -> Record:
     """Compare the point law with the DEM on the source's two loadings and write tables and figures.
 
     DEM runs of the same input in the folder are used again; begun ones are finished.
@@ -43,12 +49,14 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen) -> Reco
     Parameters
     ----------
     folder : Path
-        New, empty, or of an earlier run; tables and figures there are replaced.
+        New, empty, or of an earlier comparison; tables and figures there are replaced.
     particles : int
         Disks of a packing.
     seeds : int
         Packings, with seeds 1, 2, ...; the scatter between them is the yardstick of the errors.
     screen : Screen
+    overwrite : bool
+        Replace results of a scene too.
 
     Returns
     -------
@@ -68,36 +76,41 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen) -> Reco
     ):
         if not least <= value <= most:
             raise InputError(f"{name} {value} is outside [{least}, {most}]")
-    files.prepare_output(folder)
-    numbers = list(range(1, seeds + 1))
-    scene = {"title": TITLE, "kind": "verify", "particles": particles, "seeds": numbers}
-    record = Record(folder, "verify", scene, is_scene=False)
-    record.write()
-    study = None
-    with watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch, stop_wish(screen.announce_stop) as stop:
-        try:
-            with record.phase("dem", watch):
-                results = _judge(DemStore(folder / STORE, particles, watch.clock), numbers, screen, stop)
-            with record.phase("model", watch):
-                study = evaluate(results)
-        except Stopped:
-            record.outcome = "stopped"
-            record.message = "stopped; the same command goes on from here"
-        except (PackingError, ProbeError, SampleError, CellTooSmallError, ParameterError) as error:
-            record.outcome, record.message = "failed", str(error)
-        except KeyboardInterrupt as error:
-            raise record.broken_off("interrupted within a step") from error
-        except OSError as error:
-            raise record.broken_off(f"results cannot be written any more: {error}") from error
-    record.timing["compilation"] = watch.seconds
-    if study is not None:
-        try:
-            _write(study, record)
-        except KeyboardInterrupt as error:
-            raise record.broken_off("interrupted while drawing; the same command goes on from here") from error
-    record.write()
-    _report(study, record, screen)
-    return record
+    with files.held(folder, OWNER, overwrite):
+        files.prepare_output(folder, OWNER, overwrite)
+        numbers = list(range(1, seeds + 1))
+        scene = {"title": TITLE, "kind": "verify", "particles": particles, "seeds": numbers}
+        record = Record(folder, "verify", scene, is_scene=False)
+        record.write()
+        screen.keep_log(folder / files.LOG, versions())
+        study = None
+        with (
+            watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
+            stop_wish(screen.announce_stop) as stop,
+        ):
+            try:
+                with record.phase("dem", watch):
+                    results = _judge(DemStore(folder / STORE, particles, watch.clock), numbers, screen, stop)
+                with record.phase("model", watch):
+                    study = evaluate(results)
+            except Stopped:
+                record.outcome = "stopped"
+                record.message = "stopped; the same command goes on from here"
+            except (*DEM_ERRORS, ParameterError) as error:
+                record.outcome, record.message = "failed", str(error)
+            except KeyboardInterrupt as error:
+                raise record.broken_off("interrupted within a step") from error
+            except OSError as error:
+                raise record.broken_off(f"results cannot be written any more: {error}") from error
+        record.timing["compilation"] = watch.seconds
+        if study is not None:
+            try:
+                _write(study, record)
+            except KeyboardInterrupt as error:
+                raise record.broken_off("interrupted while drawing; the same command goes on from here") from error
+        record.write()
+        _report(study, record, screen)
+        return record
 
 
 def _judge(store: DemStore, seeds: Sequence[int], screen: Screen, stop: StopWish) -> list[SeedResult]:
@@ -110,6 +123,8 @@ def _judge(store: DemStore, seeds: Sequence[int], screen: Screen, stop: StopWish
                 advance(place + fraction, f"packing {place + 1} of {len(seeds)} (seed {seed}): {text}")
 
             results.append(store.complete(seed, report, stop))
+            for line in warnings(results[-1].measured):
+                screen.say(f"seed {seed}: {line}")
             if stop.wished and seed != seeds[-1]:
                 raise Stopped
     return results
@@ -125,24 +140,20 @@ def _write(study: Study, record: Record) -> None:
     files.write_text(folder / "paths.csv", files.csv_text(PATH_COLUMNS, [row.row() for row in study.path_rows]))
     files.write_text(folder / "probes.csv", files.csv_text(PROBE_COLUMNS, probe_rows(study)))
     files.write_text(folder / "closures.csv", files.csv_text(CLOSURE_COLUMNS, closure_rows(study)))
-    inputs = mean_inputs(study.results)
-    files.write_text(folder / files.MATERIAL, material_text(inputs, f"mean of {len(study.results)} packings"))
+    measured = mean_of(result.measured for result in study.results)
+    count = len(study.results)
+    origin = f"mean of {count} packings" if count > 1 else "one packing"
+    text = material_text(measured.values, origin, measured.errors, measured.missing)
+    files.write_text(folder / files.MATERIAL, text)
     files.write_text(folder / "verify.md", summary(study))
     with record.phase("pictures"):
         draw_verify(folder, study)
     record.outcome = "finished"
-    record.message = "; ".join(study.messages)
-    record.details["inputs"] = inputs
+    record.message = "; ".join([*study.shortfalls, *study.messages])
+    record.details["inputs"] = measured.values
+    record.details["measured"] = as_data(measured)
     record.details["dem_computed_now"] = [result.seed for result in study.results if result.computed]
     record.details["seconds"] = {name: round(value, 6) for name, value in study.seconds.items()}
-
-
-def mean_inputs(results: Sequence[SeedResult]) -> dict[str, float]:
-    """Measured inputs, averaged over the packings that gave them."""
-    names = list(dict.fromkeys(name for result in results for name in result.inputs))
-    return {
-        name: float(np.mean([result.inputs[name] for result in results if name in result.inputs])) for name in names
-    }
 
 
 def _report(study: Study | None, record: Record, screen: Screen) -> None:
@@ -168,8 +179,10 @@ def _report(study: Study | None, record: Record, screen: Screen) -> None:
             f"packings of {record.scene['particles']} disks: {len(computed)} computed, {read} read; DEM {dem:.1f} s, "
             f"model {study.seconds['model']:.3f} s, compilation {record.timing['compilation']:.1f} s"
         )
+        for line in study.shortfalls:
+            screen.say(line)
     if record.outcome != "finished":
-        screen.say(f"{record.outcome}: {record.message}")
+        screen.say(f"{record.outcome}: {record.message}", insist=True)
     screen.say(f"{record.timing['total']:.1f} s in all; results in {record.folder}")
 
 

@@ -13,15 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granfabric.cases.commands.dem import measured_inputs
 from granfabric.cases.pictures.style import picture
 from granfabric.cases.records import files
+from granfabric.cases.scene.measured import measure_inputs, refused, with_error
 from granfabric.cases.terminal.clock import best_of
 from granfabric.cases.verify.model_side import closures, material
 from granfabric.constitutive.law import ContactLaw
 from granfabric.constitutive.parameters import Closure, Integration
+from granfabric.dem_ref.inputs.probes import ProbeError
 from granfabric.dem_ref.loading.path import Segment, biaxial_test, loading_cycles
 from granfabric.dem_ref.loading.run import RunOptions
+from granfabric.dem_ref.sample.disks import SampleError
 
 from .draw import FRONT, LOOKS, log_axes, panel
 from .front import cheapest, mark_fronts
@@ -173,7 +175,15 @@ def _inputs(store: GrainStore, disks: int, seed: int, watch: Watch) -> dict[str,
         return {name: float(value) for name, value in json.loads(path.read_text(encoding="utf-8")).items()}
     packing = store.packing(disks, seed, watch)[0]
     watch(f"{disks} disks, seed {seed}: inputs of the point law")
-    found = measured_inputs(packing)
+    try:
+        measured = measure_inputs(packing)
+    except (ProbeError, SampleError) as error:
+        raise StudyError(f"{disks} disks, seed {seed}: the inputs of the law cannot be measured: {error}") from error
+    if illegal := refused(measured):
+        name = illegal[0]
+        found_there = with_error(measured, name)
+        raise StudyError(f"{disks} disks, seed {seed}: {found_there} is outside the bounds of the law; take more disks")
+    found = measured.values
     files.write_json(path, found)
     return found
 

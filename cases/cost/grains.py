@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from granfabric.cases.records import files
 from granfabric.dem_ref.compilation import kernel_cache_directory
+from granfabric.dem_ref.dynamics.motion import UnstableMotionError
 from granfabric.dem_ref.dynamics.packing import PackingError, make_packing
+from granfabric.dem_ref.inputs.probes import is_at_rest
 from granfabric.dem_ref.loading.path import biaxial_test
 from granfabric.dem_ref.loading.run import DemRun, RunOptions
 from granfabric.dem_ref.sample.disks import Sample, SampleError, load_sample, save_sample
@@ -80,7 +82,9 @@ class GrainStore:
         """
         path = self.path(particles, seed, "packing")
         with suppress(SampleError, OSError, ValueError, KeyError):
-            return load_sample(path.with_suffix(".npz")), _seconds(path)
+            kept = load_sample(path.with_suffix(".npz"))
+            if is_at_rest(kept):
+                return kept, _seconds(path)
         self._compile()
         since = time.process_time()
         try:
@@ -124,13 +128,16 @@ class GrainStore:
                 return bool(stopped)
 
             since = time.process_time()
-            run.execute(stop=stop, checkpoint=checkpoint)
+            try:
+                run.execute(stop=stop, checkpoint=checkpoint)
+            except (SampleError, CellTooSmallError, UnstableMotionError) as error:
+                raise StudyError(f"{particles} disks, seed {seed}, {name}: {error}") from error
             seconds += time.process_time() - since
             files.write_json(path.with_suffix(".json"), {"seconds": seconds})
             if stopped:
                 raise stopped[0]
-        if run.message:
-            raise StudyError(f"{particles} disks, seed {seed}, {name}: {run.message}")
+        if run.reason:
+            raise StudyError(f"{particles} disks, seed {seed}, {name}: {run.reason}")
         steps = float(run.history()["dem_steps"][-1])
         return Grains(run.history(), seconds, packing_seconds, steps * particles)
 

@@ -28,19 +28,28 @@ def _named(scene: Any) -> Iterator[tuple[list[Any], str, str]]:
         yield ["materials", name, "region"], "region", material.region
 
 
+def _owner(keys: list[Any]) -> list[Any]:
+    """Where a group is named: the load, which is counted; of materials the key."""
+    return keys if keys[0] == "materials" else keys[:-1]
+
+
 def check_groups(loaded: LoadedScene, mesh: HostMesh) -> None:
     """Refuse names that the mesh does not have.
 
     Raises
     ------
     InputError
-        Naming the key, the legal groups of the mesh and the nearest.
+        Naming each such key, the legal groups of the mesh and the nearest.
     """
     groups = {"boundary": mesh.boundaries, "region": mesh.regions}
-    for keys, what, name in _named(loaded.scene):
-        if name not in groups[what]:
-            key = ".".join(str(part) for part in keys)
-            raise loaded.error(keys, f"{key}: {unknown(f'the {what}', name, groups[what])}")
+    why = "".join(f" ({text})" for text in mesh.remarks[:2])
+    wrong = [
+        (keys, f"{loaded.label(_owner(keys))}: {unknown(f'the {what}', name, groups[what])}{why}")
+        for keys, what, name in _named(loaded.scene)
+        if name not in groups[what]
+    ]
+    if wrong:
+        raise loaded.errors(wrong)
 
 
 def named_boundaries(scene: Any) -> tuple[list[str], list[str]]:

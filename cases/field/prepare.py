@@ -69,18 +69,18 @@ def read_or_make_mesh(loaded: LoadedScene) -> HostMesh:
     if mesh.file is None:
         _refuse_too_many_cells(loaded)
     try:
-        made = read_mesh(loaded.file.parent / mesh.file) if mesh.file is not None else _shape(mesh)
+        made = read_mesh(loaded.file.parent / mesh.file, mesh.parts) if mesh.file is not None else _shape(mesh)
     except MeshError as error:
         key = "file" if mesh.file is not None else next(name for name in SHAPES if getattr(mesh, name) is not None)
         raise loaded.error(["mesh", key], f"mesh.{key}: {error}") from error
     for place, part in enumerate(mesh.part):
         keys = ["mesh", "part", place]
         if part.name in made.boundaries:
-            raise loaded.error(keys, f"mesh.part.{place}.name: the mesh has a boundary {part.name!r} already")
+            raise loaded.error(keys, f"{loaded.label(keys)}: the mesh has a boundary {part.name!r} already")
         try:
             made.boundaries[part.name] = made.facets_between(part.boundary, part.x, part.y)
         except MeshError as error:
-            raise loaded.error(keys, f"mesh.part.{place}: {error}") from error
+            raise loaded.error(keys, f"{loaded.label(keys)}: {error}") from error
     return made
 
 

@@ -60,6 +60,12 @@ def finished_run(folder: Path, options: RunOptions) -> DemRun | None:
         return None
 
 
+def stress_ratio(columns: Columns) -> NDArray[np.float64]:
+    """q/p of every record, NaN where no pressure is left."""
+    p = columns["p"]
+    return np.where(p > 0.0, columns["q"] / np.where(p > 0.0, p, 1.0), np.nan)
+
+
 def _horizontal(columns: Columns) -> tuple[NDArray[np.float64], str]:
     """The strain that moved most, in 1e-6 and positive where it grew first."""
     xx, yy = columns["strain_xx"], columns["strain_yy"]
@@ -81,7 +87,7 @@ def _overview(folder: Path, columns: Columns, scene: dict[str, Any]) -> Path:
     with picture(path, 12.0, 6.6) as figure:
         axes = figure.subplots(2, 3).ravel()
         stress, count, anisotropy, force, change, quality = axes
-        stress.plot(x, columns["q"] / columns["p"], color=BLACK, label="$q/p$")
+        stress.plot(x, stress_ratio(columns), color=BLACK, label="$q/p$")
         if np.ptp(columns["p"]) > 0.02 * columns["p"][0]:
             stress.plot(x, columns["p"] / columns["p"][0], color=BLUE, label="$p/p_0$")
         stress.set(title="(a) stress", ylabel="stress ratio [-]")
@@ -108,7 +114,8 @@ def _overview(folder: Path, columns: Columns, scene: dict[str, Any]) -> Path:
         for name, text, colour in (
             ("unbalanced_force", "unbalanced force", RED), ("inertial_number", "inertial number", BLUE)
         ):  # fmt: skip
-            quality.semilogy(x[late], columns[name][late], color=colour, label=text)
+            if (columns[name][late] > 0.0).any():  # without contacts there is no unbalanced force
+                quality.semilogy(x[late], columns[name][late], color=colour, label=text)
             quality.axhline(limits[name], color=colour, linestyle=":", linewidth=1.2)
         quality.set(title="(f) quasi-static? limits dotted", ylabel="[-]")
         for one in axes:
@@ -133,7 +140,8 @@ def _networks(folder: Path, packing: Sample, loaded: Sample | None, columns: Col
     path = folder / "packing.png"
     shown = [("packing", packing)]
     if loaded is not None and len(columns["q"]) > 1:
-        shown.append((f"at $q/p$ = {columns['q'][-1] / columns['p'][-1]:.3f}", loaded))
+        ratio = stress_ratio(columns)[-1]
+        shown.append((f"at $q/p$ = {ratio:.3f}" if np.isfinite(ratio) else "at the end, without pressure", loaded))
     with picture(path, 6.3 * len(shown) + 0.9, 6.6) as figure:
         axes = np.atleast_1d(figure.subplots(1, len(shown)))
         for one, (text, sample) in zip(axes, shown):
@@ -158,7 +166,8 @@ def _network(axes: Any, sample: Sample) -> LineCollection:
                 transOffset=axes.transData, facecolors=face, edgecolors="#b8c0c8", linewidths=outline,
             )
         )  # fmt: skip
-    force = contacts["normal_force"] / contacts["normal_force"].mean()
+    force = contacts["normal_force"]
+    force = force / force.mean() if len(force) else force
     order = np.argsort(force)
     lines = np.stack([contacts["start"], contacts["end"]], axis=1)[order]
     scale = CHAIN_WIDTH / 4.0 * np.sqrt(1000.0 / sample.count)

@@ -109,7 +109,9 @@ UNITS = {
 def _named(name: str, values: Array) -> tuple[Array, str]:
     """A column of the history in handy units, mostly positive, with its label."""
     head, _, rest = name.partition("_")
-    factor, unit = UNITS.get(head, (1.0, "-"))
+    # a ratio of stresses has no unit
+    factor, unit = UNITS.get(head if not rest.startswith("ratio") else name, (1.0, "-"))
     sign = -1.0 if values[np.argmax(np.abs(values))] < 0 else 1.0
-    words = " ".join([head, *(["of", *rest.rsplit("_", 1)] if head in ("displacement", "reaction") else [rest])])
+    of_boundary = head in ("displacement", "reaction")
+    words = " ".join([head, *(["of", *rest.rsplit("_", 1)] if of_boundary else [rest.replace("_", " ")])])
     return sign * factor * values, f"{'minus ' if sign < 0 else ''}{words.strip()} [{unit}]"

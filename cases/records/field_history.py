@@ -14,11 +14,15 @@ from granfabric.fem.equilibrium.results import StepResult
 Array = NDArray[np.float64]
 
 LEADING = ("step", "stage", "fraction")
-MEANS = (
+BODY = (
     *("strain_xx", "strain_yy", "strain_xy", "stress_xx", "stress_yy", "stress_xy", "p", "q"),
+)
+NETWORK = (
     *("coordination", "coordination_smallest", "coordination_largest"),
     *("fabric_anisotropy", "fabric_anisotropy_largest", "stress_ratio_largest"),
 )
+"""Of laws that know a network: others may have no pressure either, of which the stress ratio is taken."""
+MEANS = (*BODY, *NETWORK)
 COUNTS = ("iterations", "factorisations", "cuts", "substeps", "limited_points")
 
 
@@ -43,10 +47,12 @@ class FieldHistory:
     def __init__(self, space: Space, description: LawDescription, boundaries: list[str], supported: list[str]) -> None:
         self._weights = space.weights / space.weights.sum()
         self._description = description
+        self._has_network = description.has_state("coordination") and description.has_state("fabric_anisotropy")
         self._nodes = {name: space.boundary_nodes(name) for name in boundaries}
         self.names = [
             *LEADING,
-            *MEANS,
+            *BODY,
+            *(NETWORK if self._has_network else ()),
             *COUNTS,
             *(f"displacement_{name}_{axis}" for name in boundaries for axis in "xy"),
             *(f"reaction_{name}_{axis}" for name in supported for axis in "xy"),
@@ -80,10 +86,12 @@ class FieldHistory:
 
     def _averages(self, strain: Array, stress: Array, state: Array) -> list[float]:
         mean_strain, mean_stress = self._weights @ strain, self._weights @ stress
-        pressures, deviators = invariants(stress)
         p, q = invariants(mean_stress[None, :])
         values = [*mean_strain.tolist(), *mean_stress.tolist(), float(p[0]), float(q[0])]
+        if not self._has_network:
+            return values
         coordination = state[:, self._description.columns("coordination")][:, 0]
+        pressures, deviators = invariants(stress)
         fabric = np.linalg.norm(state[:, self._description.columns("fabric_anisotropy")], axis=1)
         values += [float(self._weights @ coordination), float(coordination.min()), float(coordination.max())]
         values += [float(self._weights @ fabric), float(fabric.max()), float((deviators / pressures).max())]

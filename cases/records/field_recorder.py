@@ -132,8 +132,7 @@ def take_up_history(folder: Path, history: FieldHistory, last: int, gaps: bool =
     """
     path = folder / files.HISTORY
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            names, *lines = csv.reader(file)
+        names, lines = files.read_rows(path)
         rows = [[_value(cell) for cell in line] for line in lines[: last + 1]]
         if gaps:
             rows = [row for row in rows if row[0] <= last]

@@ -7,11 +7,16 @@ import io
 import json
 import os
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from granfabric.cases.errors import InputError
+from granfabric.cases.scene.owner import Owner, refuse_another
+from granfabric.cases.scene.text_file import EncodingError, read_text
+
+from . import lock
 
 RECORD = "run.json"
 HISTORY = "history.csv"
@@ -21,18 +26,22 @@ SCENE = "scene.toml"
 PACKING = "packing.npz"
 CHECKPOINT = "checkpoint.npz"
 MATERIAL = "material.toml"
+FAILED_POINT = "failed_point.toml"
 PICTURES = (
     *("overview.png", "microvariables.png", "fabric_decomposition.png", "packing.png", "distributions.png"),
-    *("closed_form.png", *(f"figure_{number}.png" for number in range(1, 5))),
+    *("closed_form.png", "convergence.png", *(f"figure_{number}.png" for number in range(1, 7))),
 )
+TABLES = ("verify.csv", "verify.md", "paths.csv", "probes.csv", "closures.csv", "convergence.csv")
+LOG = "run.log"
 SERIES = ("result", "points", "particles", "contacts")
 OWN_FILES = (
-    *(RECORD, HISTORY, SCENE, "failed_point.toml", PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
-    *(MATERIAL, COMPARISON, MESH_ERROR, "verify.csv", "verify.md", *(f"{name}.pvd" for name in SERIES), *PICTURES),
+    *(RECORD, HISTORY, LOG, SCENE, FAILED_POINT, PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
+    *(MATERIAL, COMPARISON, MESH_ERROR, *TABLES, *(f"{name}.pvd" for name in SERIES), *PICTURES),
 )
 CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
 OWN_PATTERNS = (".granfabric-*", ".result*", ".points*", *CHECKPOINTS, *(f"{name}_*.vtu" for name in SERIES))
-"""What a run writes; only these are removed when a result folder is used again."""
+"""What a run writes; only these are removed when a result folder is used again. Not among them: what `cost` and
+`verify` keep of the DEM in `dem`, to be used again, and the studies of `cost`, whose folders nothing else replaces."""
 
 PROGRAM = "granfabric"
 
@@ -76,6 +85,27 @@ def csv_text(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     return out.getvalue()
 
 
+def read_rows(path: Path) -> tuple[list[str], list[list[str]]]:
+    """First line and the others of comma-separated text, as it stands there.
+
+    Raises
+    ------
+    EncodingError, OSError, csv.Error
+    """
+    reader = csv.reader(io.StringIO(read_text(path), newline=""))
+    return next(reader, []), [row for row in reader if row]
+
+
+def read_json(path: Path) -> Any:
+    """Content of a JSON file.
+
+    Raises
+    ------
+    EncodingError, OSError, ValueError, RecursionError
+    """
+    return json.loads(read_text(path))
+
+
 def read_csv(path: Path) -> dict[str, list[Any]]:
     """Columns of a file written by `csv_text`; numbers become floats, anything else stays text.
 
@@ -85,10 +115,9 @@ def read_csv(path: Path) -> dict[str, list[Any]]:
         If the file is damaged.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.reader(file)
-            names = next(reader, [])
-            rows = list(reader)
+        names, rows = read_rows(path)
+    except EncodingError:
+        raise
     except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"{path} cannot be read: {error}") from error
     for number, row in enumerate(rows, start=2):
@@ -107,23 +136,40 @@ def _number(text: str) -> float | str:
 def read_record(folder: Path) -> dict[str, Any] | None:
     """The `run.json` of a folder if it is one of ours, else None."""
     try:
-        data = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        data = read_json(folder / RECORD)
     except (OSError, ValueError, RecursionError):
         return None
     return data if isinstance(data, dict) and data.get("program") == PROGRAM else None
 
 
 def whole_record(folder: Path) -> dict[str, Any] | None:
-    """The `run.json` of a folder if it is one of ours and holds what a run writes, else None."""
+    """The `run.json` of a folder if it is one of ours and holds what a run writes, else None.
+
+    Raises
+    ------
+    EncodingError
+        If it is saved in another encoding than UTF-8.
+    """
     data = read_record(folder)
+    if data is None and (folder / RECORD).is_file():
+        with suppress(OSError):
+            read_text(folder / RECORD)  # says what it is saved as if that is the reason
     parts = {"kind": str, "outcome": str, "message": str, "scene": dict, "timing": dict, "versions": dict}
     return data if data and all(isinstance(data.get(name), kind) for name, kind in parts.items()) else None
 
 
-def check_output(folder: Path) -> None:
-    """Refuse a folder that cannot be written or holds somebody else's files. Nothing is changed.
+def check_output(folder: Path, owner: Owner | None = None, overwrite: bool = False) -> None:
+    """Refuse a folder that cannot be written, holds somebody else's files or another run. Nothing is changed.
 
-    A folder may be new, empty, or hold an earlier run (a `run.json` of ours), which is then replaced.
+    A folder may be new, empty, or hold an earlier run (a `run.json` of ours) of the same scene, which is then replaced.
+
+    Parameters
+    ----------
+    folder : Path
+    owner : Owner, optional
+        What is going to be written there; if not given, any earlier run may be replaced.
+    overwrite : bool
+        Results of another scene may be replaced.
 
     Raises
     ------
@@ -138,22 +184,29 @@ def check_output(folder: Path) -> None:
         raise InputError(f"the output folder {str(folder)!r} cannot be made: {str(existing)!r} is a file")
     if not os.access(existing, os.W_OK | os.X_OK):
         raise InputError(f"the output folder {str(folder)!r} cannot be written: {str(existing)!r} is write-protected")
-    if folder.is_dir() and read_record(folder) is None and any(folder.iterdir()):
+    if not folder.is_dir():
+        return
+    lock.refuse_held(folder)
+    record = read_record(folder)
+    # the lock is what a run leaves that was killed before it wrote its record
+    if record is None and any(file.name != lock.NAME for file in folder.iterdir()):
         raise InputError(
             f"the output folder {str(folder)!r} holds files that are not a result of {PROGRAM}; "
             "choose a new or empty folder with -o"
         )
+    if record is not None and owner is not None and not overwrite:
+        refuse_another(folder, record, owner)
 
 
-def prepare_output(folder: Path) -> None:
-    """Make the folder, see that it can be written, and remove the files of an earlier run.
+def prepare_output(folder: Path, owner: Owner | None = None, overwrite: bool = False) -> None:
+    """Make the folder, see that it can be written, and remove the files of an earlier run; see `check_output`.
 
     Raises
     ------
     InputError
-        If the folder cannot be made or written.
+        If the folder cannot be made or written, or must not be replaced.
     """
-    check_output(folder)
+    check_output(folder, owner, overwrite)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -168,6 +221,29 @@ def prepare_output(folder: Path) -> None:
         raise InputError(f"the output folder {str(folder)!r} cannot be written: {error.strerror}") from error
 
 
+@contextmanager
+def held(folder: Path, owner: Owner | None = None, overwrite: bool = False, resume: bool = False) -> Iterator[None]:
+    """Keep other runs out of a result folder within the block, see `lock.held`; it is made if it does not exist.
+
+    Whose results are in there is looked at again once nobody else can change it.
+
+    Raises
+    ------
+    InputError
+        If another run is at work there, or the folder cannot be made or must not be replaced.
+    """
+    made = not folder.exists()
+    check_output(folder, owner, overwrite or resume)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"the output folder {str(folder)!r} cannot be written: {error.strerror}") from error
+    with lock.held(folder):
+        if not made:
+            check_output(folder, owner, overwrite or resume)
+        yield
+
+
 def remove_unfinished(folder: Path) -> None:
     """Remove what a run that was killed left of files that it had not finished, and its record of a failure.
 
@@ -177,7 +253,7 @@ def remove_unfinished(folder: Path) -> None:
         If the folder cannot be written.
     """
     try:
-        for pattern in (".granfabric-*", ".result*", ".points*", ".checkpoint*", "failed_point.toml"):
+        for pattern in (".granfabric-*", ".result*", ".points*", ".checkpoint*", FAILED_POINT):
             for file in folder.glob(pattern):
                 file.unlink()
     except OSError as error:

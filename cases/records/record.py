@@ -52,6 +52,7 @@ class Record:
     """The content of `run.json`, written when a run begins, and again when it ends.
 
     A folder whose record still says "running" belongs to a run that is under way or was killed; its files are whole.
+    `since` is when the run began by `time.perf_counter`: of the time from then on `timing` tells the parts.
     """
 
     folder: Path
@@ -63,7 +64,8 @@ class Record:
     timing: dict[str, float] = field(default_factory=dict)
     started: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     is_scene: bool = True
-    _since: float = field(default_factory=time.perf_counter)
+    scene_file: str | None = None
+    since: float = field(default_factory=time.perf_counter)
 
     @contextmanager
     def phase(self, name: str, watch: CompileWatch | None = None) -> Iterator[None]:
@@ -77,12 +79,13 @@ class Record:
 
     def write(self) -> None:
         """Write `run.json` and, if it is a scene that can be run again, the scene as resolved."""
-        self.timing["total"] = time.perf_counter() - self._since
+        self.timing["total"] = time.perf_counter() - self.since
         data = {
             "program": files.PROGRAM,
             "format": FORMAT,
             "name": self.name,
             "kind": self.scene["kind"],
+            **({"scene_file": self.scene_file} if self.scene_file is not None else {}),
             "outcome": self.outcome,
             "message": self.message,
             "started": self.started,

@@ -16,8 +16,6 @@ from granfabric.fem.equilibrium.results import FailedPoint
 
 from . import files
 
-FAILED_POINT = "failed_point.toml"
-
 
 def failed_point_scene(point: FailedPoint, description: LawDescription, scene: dict[str, Any]) -> dict[str, Any]:
     """Point scene that starts from the stress and the whole state at which the point failed.
@@ -58,7 +56,7 @@ def failed_point_scene(point: FailedPoint, description: LawDescription, scene: d
 
 def write_failed_point(folder: Path, point: FailedPoint, description: LawDescription, scene: dict[str, Any]) -> Path:
     """Write `failed_point.toml`, to be run with ``granfabric point``."""
-    path = folder / FAILED_POINT
+    path = folder / files.FAILED_POINT
     files.write_text(path, to_toml(failed_point_scene(point, description, scene)))
     return path
 

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from granfabric.cases.errors import InputError
+from granfabric.cases.errors import InputError, short
+from granfabric.cases.scene.keys import label
 
 from . import files
 from .record import versions
@@ -37,12 +38,12 @@ def identity(scene: dict[str, Any], digest: str | None) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _leaves(table: Any, keys: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
+def _leaves(table: Any, keys: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
     if not isinstance(table, (dict, list)) or not table:
-        yield ".".join(keys), table
+        yield keys, table
         return
     for key, value in table.items() if isinstance(table, dict) else enumerate(table):
-        yield from _leaves(value, (*keys, str(key)))
+        yield from _leaves(value, (*keys, key))
 
 
 def differences(then: dict[str, Any], now: dict[str, Any]) -> list[str]:
@@ -51,11 +52,11 @@ def differences(then: dict[str, Any], now: dict[str, Any]) -> list[str]:
     found = []
     for key in dict.fromkeys([*before, *after]):
         if key not in after:
-            found.append(f"{key} was {before[key]!r} and is gone")
+            found.append(f"{label(key, then)} was {short(before[key])} and is gone")
         elif key not in before:
-            found.append(f"{key} is {after[key]!r} and was not given")
+            found.append(f"{label(key, now)} is {short(after[key])} and was not given")
         elif before[key] != after[key]:
-            found.append(f"{key} was {before[key]!r} and is {after[key]!r}")
+            found.append(f"{label(key, now)} was {short(before[key])} and is {short(after[key])}")
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -35,26 +36,52 @@ def first_file(folder: Path, series: str) -> Path | None:
     return _file(folder, series, 0)
 
 
-def _file(folder: Path, series: str, place: int) -> Path | None:
+def _names(folder: Path, series: str) -> list[str]:
+    """Files that ``SERIES.pvd`` names; none if there is no series yet."""
     path = folder / f"{series}.pvd"
     if not path.is_file():
-        return None
+        return []
     try:
-        names = [entry.attrib["file"] for entry in ElementTree.parse(path).getroot().iter("DataSet")]
+        return [entry.attrib["file"] for entry in ElementTree.parse(path).getroot().iter("DataSet")]
     except (ElementTree.ParseError, KeyError) as error:
         raise InputError(f"{path} is damaged") from error
-    if not names:
-        return None
-    if not re.fullmatch(rf"{series}_\d{{1,9}}\.vtu", names[place]):
-        raise InputError(f"{path} is damaged: it names {names[place]!r}")
-    file = folder / names[place]
+
+
+def _checked(folder: Path, series: str, name: str) -> Path:
+    path = folder / f"{series}.pvd"
+    if not re.fullmatch(rf"{series}_\d{{1,9}}\.vtu", name):
+        raise InputError(f"{path} is damaged: it names {name!r}")
+    file = folder / name
     if not file.is_file():
-        raise InputError(f"{path} names {names[place]!r}, which does not exist")
+        raise InputError(f"{path} names {name!r}, which does not exist")
     return file
 
 
-def read(file: Path) -> Any:
-    """Content of a `.vtu` as a meshio mesh with the fields that are drawn.
+def _file(folder: Path, series: str, place: int) -> Path | None:
+    names = _names(folder, series)
+    return _checked(folder, series, names[place]) if names else None
+
+
+def steps(folder: Path, series: str) -> dict[int, Path]:
+    """Every file that ``SERIES.pvd`` names, by the number of its step.
+
+    Raises
+    ------
+    InputError
+        If the series is damaged or names a file that is gone.
+    """
+    files = [_checked(folder, series, name) for name in _names(folder, series)]
+    return {int(file.stem.rpartition("_")[2]): file for file in files}
+
+
+def read(file: Path, required: Sequence[str] = DRAWN) -> Any:
+    """Content of a `.vtu` as a meshio mesh.
+
+    Parameters
+    ----------
+    file : Path
+    required : sequence of str
+        Fields that it has to hold, finite, at every point; those that are drawn if not given.
 
     Raises
     ------
@@ -73,7 +100,7 @@ def read(file: Path) -> Any:
     for block in mesh.cells:
         if len(block.data) and not (0 <= block.data.min() <= block.data.max() < count):
             raise InputError(f"{file} is damaged: a cell names a point that is not there")
-    for name in DRAWN:
+    for name in required:
         values = np.asarray(mesh.point_data.get(name))
         if values.dtype != np.float64 or len(values) != count or not np.isfinite(values).all():
             raise InputError(f"{file} is damaged: the field {name!r} is missing or not finite")

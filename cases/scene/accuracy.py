@@ -15,6 +15,7 @@ principal axes is a circle in stress space followed by its chords, and gets `tur
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -109,11 +110,17 @@ class Choice:
 
     def text(self) -> str:
         """What was chosen, in one line."""
-        parts = [f"{key} = {value}" for key, value in self.chosen.items()]
+        parts = [f"{_counted(key)} = {value}" for key, value in self.chosen.items()]
         said = f"accuracy {self.wanted:g}: " + (", ".join(parts) or "nothing left to choose")
         if self.kept:
-            said += "; kept as the scene sets it: " + ", ".join(f"{key} = {value}" for key, value in self.kept.items())
+            kept = ", ".join(f"{_counted(key)} = {value}" for key, value in self.kept.items())
+            said += f"; kept as the scene sets it: {kept}"
         return said
+
+
+def _counted(key: str) -> str:
+    """A key with its entries counted from 1: ``stage 2: increments``."""
+    return re.sub(r"^(\w+)\.(\d+)\.", lambda found: f"{found[1]} {int(found[2]) + 1}: ", key)
 
 
 def settings_for(wanted: float) -> Settings:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from granfabric.constitutive import warm_up
@@ -39,7 +40,17 @@ def law(loaded: LoadedScene, effects: Effects) -> ContactLaw:
             integration=Integration(**scene.integration.model_dump()),
         )
     except ParameterError as error:
-        raise loaded.error(["material"], str(error)) from error
+        raise loaded.error(_place(loaded, str(error)), str(error)) from error
+
+
+def _place(loaded: LoadedScene, text: str) -> tuple[str, ...]:
+    """Key that a sentence of the law begins with; where several materials have it, one that came from a file."""
+    found = re.match(r"(\w+)\.(\w+)", text)
+    if found is None:
+        return ("material",)
+    section, key = found.groups()
+    several = [("materials", name, key) for name in getattr(loaded.scene, "materials", {})]
+    return next((place for place in several if place in loaded.included), (section, key))
 
 
 def kernels(loaded: LoadedScene) -> list[ForceChange]:

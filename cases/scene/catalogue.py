@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import copy2
 
 from granfabric.cases.errors import InputError, unknown
+
+from .toml_file import read_table
 
 HOME = Path(__file__).resolve().parent.parent / "scenes"
 MATERIALS = HOME / "materials"
@@ -35,7 +36,7 @@ def shipped() -> dict[str, Entry]:
     for file in HOME.glob("*/*.toml"):
         if file.parent == MATERIALS:
             continue
-        data = tomllib.loads(file.read_text(encoding="utf-8"))
+        data = read_table(file)
         entries.append(
             Entry(file.stem, data["kind"], data.get("group", ""), data["title"], data.get("description", ""), file)
         )
@@ -62,13 +63,33 @@ def find(scene: str) -> Path:
         if not path.exists():
             raise InputError(f"{unknown('the scene', scene, names)} (a scene file has the ending .toml)")
     if path.is_dir():
-        files = sorted(path.glob("*.toml"))
+        files = sorted(file for file in path.glob("*.toml") if file.is_file())
         if len(files) != 1:
             raise InputError(f"the folder {scene!r} holds {len(files)} files with the ending .toml; name one of them")
         return files[0]
-    if not path.is_file():
+    if not path.exists():
         raise InputError(f"the scene file {scene!r} does not exist")
     return path
+
+
+def files_like(beginning: str) -> list[str]:
+    """Scene files, and folders, whose path begins so; for the completion of a shell."""
+    folder, _, name = beginning.rpartition("/")
+    place = Path(folder or ("/" if beginning.startswith("/") else "."))
+    prefix = beginning[: len(beginning) - len(name)]
+    found = []
+    for entry in sorted(place.iterdir()) if place.is_dir() else []:
+        if entry.name.startswith(name) and (name or not entry.name.startswith(".")):
+            if entry.is_dir():
+                found.append(f"{prefix}{entry.name}/")
+            elif entry.suffix == ".toml":
+                found.append(f"{prefix}{entry.name}")
+    return found
+
+
+def is_path(name: str) -> bool:
+    """Whether the name of a material is a file's, not a shipped one."""
+    return Path(name).suffix == ".toml" or len(Path(name).parts) > 1
 
 
 def material(name: str, folder: Path) -> Path:
@@ -79,8 +100,8 @@ def material(name: str, folder: Path) -> Path:
     InputError
         If a name without the ending .toml is not a shipped one.
     """
-    if Path(name).suffix == ".toml" or len(Path(name).parts) > 1:
-        return folder / name
+    if is_path(name):
+        return folder / Path(name).expanduser()
     names = sorted(file.stem for file in MATERIALS.glob("*.toml"))
     if name not in names:
         raise InputError(f"{unknown('material_file =', name, names)} (a material file has the ending .toml)")

@@ -48,6 +48,13 @@ class _Stress:
         self.pressure, self.direction = pressure, direction
         self.ratio = (along * c - across * s, along * s + across * c)
 
+    def components(self) -> tuple[float, float, float] | None:
+        """Stress xx, yy, xy [Pa], tension positive; None where it is not known beforehand."""
+        if self.ratio is None:
+            return None
+        p = self.pressure * self.initial_pressure
+        return -p * (1.0 + self.ratio[0]), -p * (1.0 - self.ratio[0]), -p * self.ratio[1]
+
     def known(self) -> tuple[float, float]:
         """Magnitude of the stress ratio and its direction [degree]; without a deviator that of the leg before."""
         self.along(0.0)
@@ -105,19 +112,32 @@ def _rotation(leg: DemLeg, stress: _Stress) -> list[Segment]:
 
 def _components(leg: DemLeg, stress: _Stress) -> list[Segment]:
     assert leg.control is not None and leg.target is not None
-    xx, yy, xy = leg.target
-    if all(control == "stress" for control in leg.control):
+    control, target = leg.control, leg.target
+    start = stress.components() if leg.relative else (0.0, 0.0, 0.0)
+    whole = all(entry == "stress" for entry in control)
+    if start is not None and whole:
+        xx, yy, xy = (before + change for before, change in zip(start, target))
         p = -(xx + yy) / 2
         q = hypot((xx - yy) / 2, xy)
-        if not p > q:
+        if p > q:
+            stress.set(p / stress.initial_pressure, -(xx - yy) / 2 / p, -xy / p, 0.0)
+            stress.direction = stress.known()[1]
+        elif leg.relative:  # a leg before may end elsewhere than asked for, so that only the run can tell
+            stress.ratio = None
+        else:
             raise PathError(
                 f"the target stress has to press in every direction: p = {p:g} Pa is not above q = {q:g} Pa"
             )
-        stress.set(p / stress.initial_pressure, -(xx - yy) / 2 / p, -xy / p, 0.0)
-        stress.direction = stress.known()[1]
     else:
+        for axis, entry, value in zip("xy", control, target):
+            if entry == "stress" and not leg.relative and not value < 0.0:
+                raise PathError(
+                    f"a stress of {value:g} Pa along {axis} does not press: the sample would lose its pressure "
+                    "(tension is positive)"
+                )
         stress.ratio = None
-    return [Segment("mixed", control=(leg.control[0], leg.control[1], leg.control[2]), target=(xx, yy, xy))]
+    made = (target[0], target[1], target[2])
+    return [Segment("mixed", control=(control[0], control[1], control[2]), target=made, relative=leg.relative)]
 
 
 def segments(scene: Any) -> tuple[Segment, ...]:
@@ -128,15 +148,24 @@ def segments(scene: Any) -> tuple[Segment, ...]:
     PathError
         If a leg does not follow from the one before.
     """
+    return tuple(segment for _, segment in _numbered(scene))
+
+
+def leg_numbers(scene: Any) -> list[int]:
+    """Number, from 1, of the leg that each segment belongs to; a rotation has several."""
+    return [number for number, _ in _numbered(scene)]
+
+
+def _numbered(scene: Any) -> list[tuple[int, Segment]]:
     stress = _Stress(scene.packing.normal_stiffness / scene.packing.stiffness_to_pressure)
-    made: list[Segment] = []
+    made: list[tuple[int, Segment]] = []
     for place, leg in enumerate(scene.path):
         build = {"isotropic": _invariants, "invariants": _invariants, "rotation": _rotation, "components": _components}
         try:
-            made += build.get(leg.loading, _driven)(leg, stress)
+            made += [(place + 1, segment) for segment in build.get(leg.loading, _driven)(leg, stress)]
         except PathError as error:
-            raise PathError(f"path.{place}: {error}") from None
-    return tuple(made)
+            raise PathError(f"path {place + 1}: {error}") from None
+    return made
 
 
 def run_options(scene: Any) -> RunOptions:

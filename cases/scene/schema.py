@@ -13,7 +13,7 @@ from pydantic import Field, TypeAdapter, model_validator
 
 from granfabric.constitutive.parameters import Material
 
-from .accuracy import Accuracy
+from .accuracy import COARSEST, FINEST, Accuracy
 from .schema_base import Control, Increments, Scene, Section, Triple
 from .schema_closed_form import ClosedForm
 from .schema_dem import DemScene
@@ -46,8 +46,11 @@ class PathLeg(Section):
     target: Triple | None = Field(
         default=None, description="value at the end of the leg [Pa or -], shear strain as gamma_xy"
     )
+    relative: bool = Field(
+        default=False, description="target counts from stress and strain at the start of the leg, not from zero"
+    )
     rotation_degrees: Annotated[float, Field(ge=-36_000, le=36_000)] | None = Field(
-        default=None, description="turn of the principal stress axes over the leg, anticlockwise"
+        default=None, description="rotation of the principal stress axes over the leg, anticlockwise [degrees]"
     )
     increments: Increments = Field(default=20, description="equal increments of the leg")
 
@@ -57,6 +60,8 @@ class PathLeg(Section):
             raise ValueError("a leg needs either control and target, or rotation_degrees")
         if self.rotation_degrees is not None and not (self.control is None and self.target is None):
             raise ValueError("a leg with rotation_degrees takes neither control nor target")
+        if self.rotation_degrees is not None and self.relative:
+            raise ValueError("relative = true goes with a target; rotation_degrees always turns from the start")
         return self
 
 
@@ -84,10 +89,14 @@ class LawScene(Scene):
     """What scenes have that use the point law."""
 
     material_file: Annotated[str, Field(min_length=1)] | None = Field(
-        default=None, description="tables [material] and [closure], as measured on disks: a file or a shipped name"
+        default=None,
+        description="tables [material] and [closure], as measured on disks: a file, relative to this one, or a shipped "
+        "name",
     )
     accuracy: Accuracy | None = Field(
-        default=None, description="chooses integrator, tolerances and directions where the scene leaves them open"
+        default=None,
+        description="error to aim at [-]: chooses integrator, tolerances and directions that the scene leaves open",
+        json_schema_extra={"minimum": FINEST, "maximum": COARSEST},
     )
     closure: ClosureSection = Field(default=ClosureSection(), description="how the change of forces is closed")
     effects: EffectsSection = Field(default=EffectsSection(), description="mechanisms: true, false or auto")
@@ -97,7 +106,7 @@ class LawScene(Scene):
 class PointScene(LawScene):
     """One material point along a path of stress or strain."""
 
-    kind: Literal["point"] = Field(description="for `granfabric point`")
+    kind: Literal["point"] = Field(description="for `granfabric point`; follows from the tables if not given")
     material: MaterialSection = Field(description="the granular material")
     initial: PointInitial = Field(description="state before any loading")
     path: Annotated[list[PathLeg], Field(min_length=1, max_length=10_000)] = Field(description="legs of the path")
@@ -107,7 +116,7 @@ class PointScene(LawScene):
 class FieldScene(LawScene):
     """A boundary-value problem."""
 
-    kind: Literal["field"] = Field(description="for `granfabric run`")
+    kind: Literal["field"] = Field(description="for `granfabric run`; follows from the tables if not given")
     material: MaterialSection | None = Field(default=None, description="the granular material, if there is one")
     materials: dict[str, NamedMaterialSection] = Field(default={}, description="several materials by name")
     mesh: Mesh = Field(description="mesh and element")
@@ -137,11 +146,18 @@ NUMBERS = tuple(variable.name for variable in Material.variables())
 MODELS: dict[str, type[Scene]] = {"point": PointScene, "field": FieldScene, "dem": DemScene}
 """Model of each kind of scene; a new kind is added here."""
 
+TABLE_LISTS = ("path", "stage")
+"""Tables of which a scene has several, written ``[[path]]``."""
+
 
 def json_schema() -> dict[str, Any]:
     """JSON schema of all kinds of scene, for editors."""
     union: Any = Annotated[PointScene | FieldScene | DemScene, Field(discriminator="kind")]
     schema = TypeAdapter(union).json_schema()
+    # The title may be the file's name, the kind follows from the tables.
+    for model in MODELS.values():
+        table = schema["$defs"][model.__name__]
+        table["required"] = [key for key in table["required"] if key not in ("title", "kind")]
     # What a material file gives need not stand in the scene; editors, unlike the check, do not see that file.
     for name in ("MaterialSection", "NamedMaterialSection", "PointScene"):
         table = schema["$defs"][name]

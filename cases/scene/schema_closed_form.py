@@ -79,4 +79,4 @@ class ClosedFormLoad(Section):
     """Tractions of the closed form on a boundary, at the end of the stage, on top of what else acts there."""
 
     boundary: str = Field(description="physical curve of the mesh")
-    factor: float = Field(default=1.0, description="share of the closed form's traction")
+    factor: float = Field(default=1.0, description="fraction of the closed form's traction [-]")

@@ -26,7 +26,7 @@ ADMITS: dict[str, tuple[str, ...]] = {
     "isotropic": (),
     "invariants": ("pressure_ratio", "stress_ratio", "direction_degrees"),
     "rotation": (),
-    "components": (),
+    "components": ("relative",),
 }
 """Keys of a leg that a loading must have, and may have besides."""
 
@@ -39,12 +39,16 @@ class Packing(Section):
         default=1, description="the same seed gives the same packing"
     )
     stiffness_to_pressure: Annotated[float, Field(ge=50.0, le=1e6)] = Field(
-        default=1e4, description="normal contact stiffness over mean pressure, kn/p"
+        default=1e4, description="normal contact stiffness over mean pressure, kn/p [-]"
     )
     normal_stiffness: Positive = Field(default=1e9, description="kn [Pa]")
-    stiffness_ratio: Annotated[float, Field(ge=1e-6, le=1.0)] = Field(default=1.0, description="kt/kn")
-    friction: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(default=0.5, description="coefficient after packing")
-    diameter_ratio: Annotated[float, Field(ge=1.0, le=5.0)] = Field(default=1.25, description="largest over smallest")
+    stiffness_ratio: Annotated[float, Field(ge=1e-6, le=1.0)] = Field(default=1.0, description="kt/kn [-]")
+    friction: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(
+        default=0.5, description="coefficient after packing [-]"
+    )
+    diameter_ratio: Annotated[float, Field(ge=1.0, le=5.0)] = Field(
+        default=1.25, description="largest over smallest [-]"
+    )
     distribution: Literal["uniform", "uniform_area", "bidisperse", "monodisperse"] = Field(
         default="uniform", description="of the diameters"
     )
@@ -56,19 +60,19 @@ class DemLeg(Section):
 
     loading: Loading = Field(description="what is driven and what is held")
     stress_ratio: Annotated[float, Field(gt=-1.0, lt=1.0)] | None = Field(
-        default=None, description="q/p at the end, negative across the direction"
+        default=None, description="q/p at the end, negative across the direction [-]"
     )
     pressure_ratio: Annotated[float, Field(gt=0.0, le=100.0)] | None = Field(
-        default=None, description="mean pressure at the end over that of the packing"
+        default=None, description="mean pressure at the end over that of the packing [-]"
     )
     direction_degrees: Annotated[float, Field(ge=-360.0, le=360.0)] | None = Field(
-        default=None, description="from the x axis; that of the leg before, 90 (along y) at first"
+        default=None, description="from the x axis [degrees]; that of the leg before, 90 (along y) at first"
     )
     largest_strain: Annotated[float, Field(gt=0.0, le=0.5)] | None = Field(
-        default=None, description="change of the driven strain at which a leg ends at the latest; 0.02 if not given"
+        default=None, description="change of the driven strain at which a leg ends at the latest [-]; 0.02 if not given"
     )
     rotation_degrees: Annotated[float, Field(ge=-36_000, le=36_000)] | None = Field(
-        default=None, description="turn of the principal stress axes at constant p and q, anticlockwise"
+        default=None, description="rotation of the principal stress axes at constant p and q, anticlockwise [degrees]"
     )
     control: Annotated[list[Control], Field(min_length=3, max_length=3)] | None = Field(
         default=None, description='per component xx, yy, xy: "stress" or "strain"'
@@ -76,10 +80,18 @@ class DemLeg(Section):
     target: Triple | None = Field(
         default=None, description="value at the end of the leg [Pa or -], tension positive, shear strain as gamma_xy"
     )
+    relative: bool = Field(
+        default=False, description="target counts from stress and strain at the start of the leg, not from zero"
+    )
 
     @model_validator(mode="after")
     def _keys_fit(self) -> DemLeg:
-        given = {name for name, value in self if value is not None and name != "loading"}
+        given = {name for name, value in self if value is not None and value is not False and name != "loading"}
+        if self.relative and self.loading != "components":
+            raise ValueError(
+                f"relative = true goes with loading = 'components', not with {self.loading!r}, whose ratios are those "
+                "of the stress at the end"
+            )
         for name in NEEDS[self.loading]:
             if name not in given:
                 raise ValueError(f"loading = {self.loading!r} needs {name}")
@@ -97,10 +109,10 @@ class Rates(Section):
     """How slow the loading is; the rate adapts to stay below both limits."""
 
     inertial_number: Annotated[float, Field(ge=1e-12, le=0.1)] = Field(
-        default=1e-5, description="rate of strain times the time that pressure takes to move a disk by its size"
+        default=1e-5, description="rate of strain times the time that pressure takes to move a disk by its size [-]"
     )
     unbalanced_force: Annotated[float, Field(ge=1e-8, le=1.0)] = Field(
-        default=3e-4, description="root mean square resultant over the mean contact force"
+        default=3e-4, description="root mean square resultant over the mean contact force [-]"
     )
 
 
@@ -112,7 +124,7 @@ class Measure(Section):
         default="included", description="counting of the coordination number in material.toml"
     )
     loop_stress_ratio: Annotated[float, Field(gt=0.0, le=0.5)] = Field(
-        default=LOOP_STRESS_RATIO, description="q/p of the loops that give the force anisotropy, slip and scatter"
+        default=LOOP_STRESS_RATIO, description="q/p of the loops that give the force anisotropy, slip and scatter [-]"
     )
     sliding: bool = Field(
         default=False,
@@ -131,16 +143,16 @@ class DemOutput(Section):
     """Cadence of the history and of the files for ParaView."""
 
     stress_step: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
-        default=0.01, description="a record when p or q has moved by this much of the initial p"
+        default=0.01, description="a record when p or q has moved by this much of the initial p [-]"
     )
     strain_step: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
-        default=1e-4, description="or when the strain has moved by this much"
+        default=1e-4, description="or when the strain has moved by this much [-]"
     )
     every: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
         default=5, description="particles and contacts every so many records, and the last; 0 for none"
     )
     checkpoint_seconds: Annotated[float, Field(ge=0.0, le=1e6)] = Field(
-        default=30.0, description="least time between checkpoints; 0 for one at each record"
+        default=30.0, description="least time between checkpoints [s]; 0 for one at each record"
     )
     pictures: bool = Field(default=True, description="draw at the end of the run")
 
@@ -148,7 +160,7 @@ class DemOutput(Section):
 class DemScene(Scene):
     """A sample of disks under loading."""
 
-    kind: Literal["dem"] = Field(description="for `granfabric dem`")
+    kind: Literal["dem"] = Field(description="for `granfabric dem`; follows from the tables if not given")
     packing: Packing = Field(default=Packing(), description="the disks")
     path: Annotated[list[DemLeg], Field(min_length=1, max_length=10_000)] = Field(description="legs of the loading")
     rates: Rates = Field(default=Rates(), description="how slow the loading is")

@@ -59,7 +59,11 @@ class FieldInitial(Initial):
         description="rise of xx, yy, xy along y [Pa/m]; of yy the unit weight, where the ground is level",
     )
     reference_point: Pair = Field(default=[0.0, 0.0], description="where `stress` holds: x, y [m]")
-    balance: bool = Field(default=False, description="balance the initial stress by constant reference forces")
+    balance: bool = Field(
+        default=False,
+        description="constant reference forces balance what initial stress and loads at the outset leave; otherwise it "
+        "fades out over the first stage",
+    )
 
     def _homogeneous(self) -> bool:
         return not any(self.stress_gradient_x) and not any(self.stress_gradient_y)
@@ -69,7 +73,7 @@ class RandomState(Section):
     """Random variation of the initial coordination number about that of the material, from place to place."""
 
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = Field(description="the same seed gives the same specimen")
-    standard_deviation: Annotated[float, Field(ge=0.0, le=2.0)] = Field(description="of the coordination number z")
+    standard_deviation: Annotated[float, Field(ge=0.0, le=2.0)] = Field(description="of the coordination number z [-]")
     correlation_length: Annotated[list[Positive], Field(min_length=2, max_length=2)] = Field(
         description="along x and y [m]"
     )

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from typing import Any, Literal, get_type_hints
 
 from pydantic import Field, create_model, model_validator
 
 from granfabric.constitutive.effects import Effects
-from granfabric.constitutive.parameters import Closure, Integration, Material, ParameterError
+from granfabric.constitutive.parameters import (
+    CLOSURE_NUMBERS,
+    INTEGRATION_NUMBERS,
+    Closure,
+    Integration,
+    Material,
+    ParameterError,
+)
 
 from .docstrings import parameter_texts
 from .schema_base import Section
@@ -23,10 +31,18 @@ def _material_section() -> type[Section]:
     return create_model("MaterialSection", __base__=Section, __doc__="One granular material.", **entries)
 
 
-def _declared_section(name: str, declaration: type, text: str, decided: tuple[str, ...] = ()) -> type[Section]:
+def _declared_section(
+    name: str,
+    declaration: type,
+    text: str,
+    bounds: Mapping[str, tuple[float, float]],
+    decided: tuple[str, ...] = (),
+    checked_here: bool = False,
+) -> type[Section]:
     """Section with the fields and defaults of a frozen dataclass, which also checks the values.
 
-    Fields named in `decided` may be "auto", and are if nothing is said.
+    Fields named in `decided` may be "auto", and are if nothing is said. The bounds are for readers of the schema; if
+    `checked_here` they are checked of the very key, so that the file it came from can be named.
     """
     hints = get_type_hints(declaration)
     entries: dict[str, Any] = {}
@@ -36,7 +52,17 @@ def _declared_section(name: str, declaration: type, text: str, decided: tuple[st
         hint = hints[entry.name]
         if entry.name in decided:
             hint, default = hint | Literal["auto"], "auto"
-        entries[entry.name] = (hint, Field(default, description=texts.get(entry.name)))
+        meaning = texts.get(entry.name)
+        limits: dict[str, Any] = {}
+        if entry.name in bounds:
+            lower, upper = bounds[entry.name]
+            if checked_here:
+                limits, meaning = {"ge": lower, "le": upper}, (meaning or "").rstrip(".")
+            else:
+                limits = {"json_schema_extra": {"minimum": lower, "maximum": upper}}
+        if hint is float:
+            meaning = f"{meaning} [-]"  # all of them are ratios
+        entries[entry.name] = (hint, Field(default, description=meaning, **limits))
 
     def check(section: Any) -> Any:
         try:
@@ -56,7 +82,7 @@ def _effects_section() -> type[Section]:
     }
     entries["tolerance"] = (
         float | None,
-        Field(None, ge=1e-8, le=1.0, description="error that leaving out effects on auto may make"),
+        Field(None, ge=1e-8, le=1.0, description="error that leaving out effects on auto may make [-]"),
     )
     return create_model(
         "EffectsSection", __base__=Section, __doc__="Mechanisms: on, off, or decided by the program.", **entries
@@ -65,9 +91,16 @@ def _effects_section() -> type[Section]:
 
 MaterialSection: Any = _material_section()
 ClosureSection: Any = _declared_section(
-    "ClosureSection", Closure, "How the change of contact forces is closed.", ("force_change",)
+    "ClosureSection",
+    Closure,
+    "How the change of contact forces is closed.",
+    {key: (0.0, most) for key, most in CLOSURE_NUMBERS.items()},
+    ("force_change",),
+    checked_here=True,
 )
-IntegrationSection: Any = _declared_section("IntegrationSection", Integration, "Numerics of the update at a point.")
+IntegrationSection: Any = _declared_section(
+    "IntegrationSection", Integration, "Numerics of the update at a point.", INTEGRATION_NUMBERS
+)
 EffectsSection: Any = _effects_section()
 NamedMaterialSection: Any = create_model(
     "NamedMaterialSection",

@@ -81,6 +81,11 @@ class Mesh(Section):
     refine: Annotated[int, Field(ge=1, le=64)] = Field(
         default=1, description="multiplies the numbers of cells of a parametric shape"
     )
+    parts: Literal["joined", "separate"] = Field(
+        default="joined",
+        description='of a mesh file: "joined": it has to be one body; "separate": bodies held one by one, bodies that '
+        "touch, cracks with doubled nodes",
+    )
     part: list[BoundaryPart] = Field(default=[], description="parts of boundaries with names of their own")
     element: Literal["P1", "P2", "Q1", "Q2"] = Field(
         default="P2", description="Lagrange element: triangles P, quadrilaterals Q, of first or second order"

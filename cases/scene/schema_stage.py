@@ -64,7 +64,9 @@ class BodyForceLoad(Section):
 class StageSection(Section):
     """One stage of loading: all loads go linearly from their values at the end of the stage before to these.
 
-    A first stage named "initial" holds its loads from the outset, in balance with the initial stress.
+    A first stage named "initial" holds its loads from the outset, in balance with the initial stress. What they do not
+    balance, which the run says before its first step, fades out over the first stage; of a first stage with another
+    name no load acts at the outset.
     """
 
     name: Annotated[Line, Field(min_length=1, max_length=80)] = Field(description="of the stage; names must differ")
@@ -88,18 +90,18 @@ class Solver(Section):
         default="auto", description="direct solver; auto takes the fastest that is installed"
     )
     tolerance: Annotated[float, Field(ge=1e-15, le=1e-1)] = Field(
-        default=1e-8, description="residual over nodal forces"
+        default=1e-8, description="residual over nodal forces [-]"
     )
     maximum_iterations: Annotated[int, Field(ge=1, le=10_000)] = Field(
         default=12, description="Newton iterations before a step is cut"
     )
-    first_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = Field(default=1.0, description="first step")
+    first_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = Field(default=1.0, description="first step [-]")
     smallest_factor: Annotated[float, Field(ge=1e-12, le=1.0)] = Field(
-        default=1e-4, description="step below which the run gives up"
+        default=1e-4, description="step below which the run gives up [-]"
     )
-    largest_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = Field(default=1.0, description="largest step")
+    largest_factor: Annotated[float, Field(ge=1e-12, le=1e12)] = Field(default=1.0, description="largest step [-]")
     grow: Annotated[float, Field(ge=1.0, le=100.0)] = Field(
-        default=1.5, description="growth of the step after an easy one"
+        default=1.5, description="growth of the step after an easy one [-]"
     )
     tangent_kind: Literal["propagated", "continuum", "elastic"] = Field(
         default="propagated", description="exact derivative of the update, that of the rates, or the stiffness alone"

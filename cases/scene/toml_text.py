@@ -19,7 +19,8 @@ def _text(value: str) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _value(value: Any) -> str:
+def value_text(value: Any) -> str:
+    """One value as TOML."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int):
@@ -32,9 +33,9 @@ def _value(value: Any) -> str:
     if isinstance(value, str):
         return _text(value)
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
+        return "[" + ", ".join(value_text(item) for item in value) + "]"
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{_key(name)} = {_value(item)}" for name, item in value.items()) + " }"
+        return "{ " + ", ".join(f"{_key(name)} = {value_text(item)}" for name, item in value.items()) + " }"
     raise TypeError(f"{value!r} cannot be written as TOML")
 
 
@@ -45,8 +46,8 @@ def _is_table_array(value: Any) -> bool:
 def _entry(name: str, item: Any, inside: bool) -> list[str]:
     """Line(s) of one plain value; inside a table a list of small tables gets one line for each."""
     if inside and _is_table_array(item):
-        return [f"{_key(name)} = [", *(f"    {_value(entry)}," for entry in item), "]"]
-    return [f"{_key(name)} = {_value(item)}"]
+        return [f"{_key(name)} = [", *(f"    {value_text(entry)}," for entry in item), "]"]
+    return [f"{_key(name)} = {value_text(item)}"]
 
 
 def _lines(table: dict[str, Any], path: tuple[str, ...]) -> list[str]:

@@ -1,12 +1,15 @@
-"""From pydantic's list of errors to one sentence that names the key, the value, what is legal and the nearest name."""
+"""From pydantic's list of errors to a sentence for each: the key, the value, what is legal and the nearest name."""
 
 from __future__ import annotations
 
+from difflib import SequenceMatcher
 from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from granfabric.cases.errors import nearest, unknown
+from granfabric.cases.errors import LONGEST_NAME, nearest, short, unknown
+
+from .keys import split
 
 TYPE_NAMES = {
     "float_type": "a number",
@@ -21,6 +24,9 @@ TYPE_NAMES = {
 
 GRAVITY = ("extra_forbidden", "missing")
 """These are told first: a misspelled key explains most errors that follow."""
+
+MISSPELLED = 0.6
+"""Likeness of two names (0 to 1) from which one is taken for the other misspelled."""
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:
@@ -58,6 +64,9 @@ def walk(model: type[BaseModel], location: tuple[Any, ...]) -> tuple[list[Any], 
     for part in location:
         if isinstance(part, int):
             keys.append(part)
+        elif owner is None and inside is not None:
+            keys.append(part)  # the free name of a table such as [materials.NAME]
+            owner = inside
         elif inside is not None and part in inside.model_fields:
             keys.append(part)
             owner, declaration = inside, inside.model_fields[part]
@@ -65,9 +74,6 @@ def walk(model: type[BaseModel], location: tuple[Any, ...]) -> tuple[list[Any], 
             inside = found[0] if found else None
             if get_origin(declaration.annotation) is dict:
                 owner = None
-        elif owner is None and inside is not None:
-            keys.append(part)  # the free name of a table such as [materials.NAME]
-            owner = inside
         elif not _is_union_member(part):
             keys.append(part)
             owner, declaration = inside, None
@@ -79,8 +85,10 @@ def _is_union_member(part: Any) -> bool:
     return text in {"bool", "float", "int", "str", "none"} or text.startswith(("literal[", "list[", "constrained"))
 
 
-def sentence(error: ValidationError, model: type[BaseModel], data: Any) -> tuple[list[Any], str]:
-    """Key and sentence of the gravest error.
+def sentences(error: ValidationError, model: type[BaseModel], data: Any) -> list[tuple[list[Any], str]]:
+    """Key and sentence of every error, unknown and missing keys first.
+
+    A key that is missing because another one stands there misspelled is not told a second time.
 
     Parameters
     ----------
@@ -92,26 +100,36 @@ def sentence(error: ValidationError, model: type[BaseModel], data: Any) -> tuple
 
     Returns
     -------
-    keys : list
-        Path of the key, for saying where it was given.
-    text : str
+    list of (list, str)
+        Path of the key, for saying where it was given, and the sentence.
     """
     problems = sorted(
         error.errors(include_url=False),
         key=lambda item: GRAVITY.index(item["type"]) if item["type"] in GRAVITY else len(GRAVITY),
     )
-    first = problems[0]
-    keys, owner, declaration = walk(model, first["loc"])
-    key = ".".join(str(part) if str(part).isprintable() else repr(part) for part in keys)
-    text = _describe(first, key, keys, owner, declaration, data)
-    others = len({walk(model, item["loc"])[0].__repr__() for item in problems}) - 1
-    if others:
-        text += f" (and {others} further {'error' if others == 1 else 'errors'})"
-    return keys, text
+    found: dict[tuple[Any, ...], str] = {}
+    meant: set[tuple[Any, ...]] = set()
+    for problem in problems:
+        keys, owner, declaration = walk(model, problem["loc"])
+        if problem["type"] == "extra_forbidden" and owner is not None:
+            given = str(keys[-1])[:LONGEST_NAME]
+            near = nearest(given, owner.model_fields)
+            if near is not None and SequenceMatcher(None, given, near).ratio() >= MISSPELLED:
+                meant.add((*keys[:-1], near))
+        if tuple(keys) in found or (problem["type"] == "missing" and tuple(keys) in meant):
+            continue
+        found[tuple(keys)] = _describe(problem, keys, owner, declaration, data)
+    return [(list(keys), text) for keys, text in found.items()]
 
 
-def _describe(
-    problem: Any, key: str, keys: list[Any], owner: type[BaseModel] | None, declaration: Any, data: Any
+def _describe(problem: Any, keys: list[Any], owner: type[BaseModel] | None, declaration: Any, data: Any) -> str:
+    place, key = split(keys, data)
+    text = _complaint(problem, place, key, keys, owner, declaration)
+    return f"{place}: {text}" if place else text
+
+
+def _complaint(
+    problem: Any, place: str, key: str, keys: list[Any], owner: type[BaseModel] | None, declaration: Any
 ) -> str:
     kind, context, value = problem["type"], problem.get("ctx", {}), problem["input"]
     if kind == "extra_forbidden":
@@ -123,7 +141,11 @@ def _describe(
     if kind == "value_error":
         text = str(context["error"])
         return f"{key}: {text}" if key and not text.startswith(f"{key}.") else text
-    shown = _short(value)
+    shown = short(value)
+    brackets = _brackets(kind, value, keys, declaration)
+    if brackets:
+        return brackets
+    key = key or "this entry"
     choices = _literals(declaration.annotation) if declaration is not None else []
     if kind == "literal_error" or (choices and kind in ("bool_type", "string_type")):
         near = nearest(str(value), choices)
@@ -142,9 +164,30 @@ def _describe(
     return f"{key} = {shown} is not legal: {problem['msg'][:1].lower()}{problem['msg'][1:]}"
 
 
-def _short(value: Any) -> str:
-    text = repr(value).replace("True", "true").replace("False", "false") if isinstance(value, bool) else repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+def _brackets(kind: str, value: Any, keys: list[Any], declaration: Any) -> str:
+    """What to write where one table stands for several or several for one; empty if it is something else."""
+    if declaration is None or not _models(declaration.annotation):
+        return ""
+    heading = ".".join(str(part) for part in keys if not isinstance(part, int))
+    if not all(part.isprintable() for part in map(str, keys)):
+        return ""
+    top = len(keys) == 1
+    if kind == "list_type" and isinstance(value, dict):
+        inline = "" if top else f", or {keys[-1]} = [{{ ... }}] in one line"
+        return (
+            f"[{heading}] is one table, but there may be several, one after the other: write [[{heading}]] with two "
+            f"brackets{inline}"
+        )
+    several = isinstance(value, list) and all(isinstance(item, dict) for item in value) and value
+    if kind in ("model_type", "model_attributes_type") and several:
+        return f"[[{heading}]] is there only once: write [{heading}] with one bracket"
+    if kind == "dict_type" and several:
+        return f"[[{heading}]] is not a list: write [{heading}.NAME] for each of them, with a name of its own"
+    inside = get_origin(declaration.annotation) is dict and len(keys) > 1
+    if kind in ("model_type", "model_attributes_type") and inside and not isinstance(value, list):
+        outer = ".".join(map(str, keys[:-1]))
+        return f"[{outer}] holds values where it should hold tables: write [{outer}.NAME] for each, with its own name"
+    return ""
 
 
 def _constraints(annotation: Any) -> list[Any]:

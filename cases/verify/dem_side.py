@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -11,11 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from granfabric.cases.commands.dem import measured_inputs
 from granfabric.cases.records import files
 from granfabric.cases.records.dem_series import history_text
+from granfabric.cases.scene.measured import Inputs, as_data, from_data, measure_inputs
 from granfabric.dem_ref.compilation import kernel_cache_directory
 from granfabric.dem_ref.dynamics.packing import make_packing
+from granfabric.dem_ref.inputs.probes import is_at_rest
 from granfabric.dem_ref.loading.path import biaxial_test
 from granfabric.dem_ref.loading.run import DemRun, RunOptions
 from granfabric.dem_ref.sample.disks import Sample, SampleError, load_sample, save_sample
@@ -56,8 +56,8 @@ class SeedResult:
     seed : int
     packing : Sample
         At the start.
-    inputs : dict of str to float
-        Measured inputs of the point law, by scene key.
+    measured : Inputs
+        Measured inputs of the point law with their standard errors.
     runs : dict of str to DemRun
         One for each of `LOADINGS` and `PATHS`.
     probes : dict of str to list of float
@@ -70,11 +70,20 @@ class SeedResult:
 
     seed: int
     packing: Sample
-    inputs: dict[str, float] = field(default_factory=dict)
+    measured: Inputs = field(default_factory=Inputs)
     runs: dict[str, DemRun] = field(default_factory=dict)
     probes: dict[str, list[float]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     computed: bool = False
+
+    @property
+    def inputs(self) -> dict[str, float]:
+        """Measured inputs of the point law, by scene key."""
+        return self.measured.values
+
+
+class RunGivenUpError(RuntimeError):
+    """A DEM run ended before the end of its path; the text says of which packing, and why."""
 
 
 class Stopped(Exception):
@@ -114,16 +123,18 @@ class DemStore:
         Raises
         ------
         Stopped
+        RunGivenUpError
+            If a packing does not carry a loading to its end.
         """
         notes = self._read_notes(seed)
         result = SeedResult(seed, self._packing(seed, notes, report, stop))
-        if "inputs" not in notes:
+        if "measured" not in notes:
             report("measuring the inputs of the point law", 0.5)
             result.computed = True
             with self._timed(notes, "measuring"):
-                notes["inputs"] = measured_inputs(result.packing)
+                notes["measured"] = as_data(measure_inputs(result.packing))
             self._write_notes(seed, notes)
-        result.inputs = notes["inputs"]
+        result.measured = from_data(notes["measured"])
         if "probes" not in notes:
             report("finite stress probes", 0.55)
             result.computed = True
@@ -140,7 +151,9 @@ class DemStore:
     def _packing(self, seed: int, notes: dict[str, Any], report: Report, stop: Callable[[], bool]) -> Sample:
         path = self.path(seed, "packing.npz")
         with suppress(SampleError):
-            return load_sample(path)
+            kept = load_sample(path)
+            if is_at_rest(kept):
+                return kept
 
         def watched(text: str, fraction: float) -> None:
             report(text, 0.5 * fraction)
@@ -171,7 +184,7 @@ class DemStore:
             run = DemRun(result.packing, options)
             notes["seconds"].pop(loading, None)
         if run.finished:
-            return run
+            return self._whole(seed, loading, run)
         notes["computed"] = True
         with self._timed(notes, loading):
             run.execute(
@@ -183,11 +196,19 @@ class DemStore:
         self._write_notes(seed, notes)
         if not run.finished:
             raise Stopped
+        return self._whole(seed, loading, run)
+
+    def _whole(self, seed: int, loading: str, run: DemRun) -> DemRun:
+        if run.reason:
+            raise RunGivenUpError(
+                f"packing of {self.particles} disks, seed {seed}, {title_of(loading)}: {run.reason} (what it reached "
+                f"is in {self.path(seed, f'{loading}.csv')})"
+            )
         return run
 
     def _read_notes(self, seed: int) -> dict[str, Any]:
         with suppress(OSError, ValueError):
-            notes = json.loads(self.path(seed, "notes.json").read_text(encoding="utf-8"))
+            notes = files.read_json(self.path(seed, "notes.json"))
             if isinstance(notes, dict) and isinstance(notes.get("seconds"), dict):
                 return notes
         return {"seconds": {}}

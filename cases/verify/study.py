@@ -78,3 +78,17 @@ class Study:
     def closures(self) -> list[str]:
         """Names of the closures compared."""
         return list(next(iter(self.model.values())))
+
+    @property
+    def shortfalls(self) -> list[str]:
+        """Loadings that a packing did not carry to the last stress ratio that is compared."""
+        found = []
+        for loading, columns in self.dem.items():
+            for result, reached in zip(self.results, np.isfinite(columns["coordination"])):
+                if not reached[-1]:
+                    most = self.levels[np.flatnonzero(reached)[-1]]
+                    found.append(
+                        f"packing of seed {result.seed}, {loading.replace('_', ' ')}: q/p = {most:.3f} was the most "
+                        f"that it carried, of {self.levels[-1]:g} that are compared"
+                    )
+        return found

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granfabric.cases.scene.measured import mean_of
+
 from .closures import CLOSURE_COLUMNS, closure_rows, probe_rows
 from .dem_side import LOADINGS
 from .model_side import SOURCE, SOURCE_CLOSED
@@ -60,13 +62,16 @@ def _measured(row: Comparison) -> str:
 
 
 def _inputs(study: Study) -> str:
-    names = list(study.results[0].inputs)
+    mean = mean_of(result.measured for result in study.results)
+    names = list(mean.values)
     rows = []
     for name in names:
         values = np.array([result.inputs[name] for result in study.results if name in result.inputs])
         scatter = f"{values.std(ddof=1):.2g}" if len(values) > 1 else "-"
-        rows.append([f"`{name}`", f"{values.mean():.5g}", scatter])
-    return table(["input", "mean", "scatter"], rows)
+        error = mean.errors.get(name, math.nan)
+        shown = "-" if error == 0.0 else f"{error:.2g}" if math.isfinite(error) else "not known"
+        rows.append([f"`{name}`", f"{values.mean():.5g}", scatter, shown])
+    return table(["input", "mean", "scatter", "standard error of the mean"], rows)
 
 
 def _errors(study: Study, loading: str) -> str:

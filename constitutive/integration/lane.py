@@ -30,6 +30,7 @@ OK = int(Status.OK)
 LIMITED = int(Status.LIMITED)
 NO_PRESSURE = int(Status.NO_PRESSURE)
 TOO_MANY_SUBSTEPS = int(Status.TOO_MANY_SUBSTEPS)
+NOT_FINITE = int(Status.NOT_FINITE)
 
 TANGENT_NONE, TANGENT_PROPAGATED, TANGENT_CONTINUUM, TANGENT_ELASTIC = range(4)
 
@@ -209,14 +210,24 @@ def go_on(block, lane, point, last, call, options, numerics, slide):
 
 @formula
 def put_ends(call, block, lane, point, options):
-    """Write the end values of a lane."""
+    """Write the end values of a lane; False, and its start values, if one of them is not finite."""
+    total = 0.0
     for i in range(3):
         call.stress_end[point, i] = block["ends"][MICRO + i, lane]
+        total += call.stress_end[point, i]
         if options.mixed:
             given = block["inputs"][IN_CONTROL + i, lane] < 0.5
             call.strain_increment[point, i] = call.given[point, i] if given else block["sums"][6 + i, lane]
+            total += call.strain_increment[point, i]
     for i in range(call.state_start.shape[1]):
         call.state_end[point, i] = block["ends"][call.micro_of_column[i], lane]
+        total += call.state_end[point, i]
+    if not abs(total) < math.inf:
+        # numbers of a size that no grains have: something overflowed on the way
+        call.status[point] = NOT_FINITE
+        keep_start(call, point)
+        return False
+    return True
 
 
 @formula

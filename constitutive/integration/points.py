@@ -54,6 +54,7 @@ from .substep import estimate_error, summed
 
 LIMITED = int(Status.LIMITED)
 NOT_CONVERGED = int(Status.NOT_CONVERGED)
+NOT_FINITE = int(Status.NOT_FINITE)
 
 
 @formula
@@ -100,8 +101,13 @@ def split_changes(first, end, call, block, closure, options, rule, lanes):
         for lane in range(min(width, end - start)):
             point = start + lane
             if call.status[point] <= LIMITED and call.counts[point, 0] > 0:
+                total = 0.0
                 for i in range(call.state_end.shape[1]):
                     call.state_end[point, i] = block["ends"][call.micro_of_column[i], lane]
+                    total += call.state_end[point, i]
+                if not abs(total) < math.inf:
+                    call.status[point] = NOT_FINITE
+                    keep_start(call, point)
 
 
 @formula
@@ -245,10 +251,10 @@ def advance_points(first, end, lanes, block, call, closure, options, numerics, s
             if call.status[number] > LIMITED:
                 keep_start(call, number)
             elif accepted and last[lane] > 0:
-                put_ends(call, block, lane, number, options)
-                if kind == TANGENT_PROPAGATED:
+                sound = put_ends(call, block, lane, number, options)
+                if sound and kind == TANGENT_PROPAGATED:
                     put_propagated_tangent(block["y"], lane, call.tangent[number])
-                elif kind == TANGENT_CONTINUUM:
+                elif sound and kind == TANGENT_CONTINUUM:
                     put_continuum_tangent(call, block, lane, number, options, slide)
             else:
                 continue

@@ -52,6 +52,8 @@ _NOT_ADMISSIBLE = int(Status.NOT_ADMISSIBLE)
 
 SMALLEST_COORDINATION = 1e-6
 """A network of fewer contacts a particle is none: the point is refused instead of strained without bound."""
+LARGEST_COORDINATION = 1e3
+"""Coordination number above which a state is none of grains; neither could its stiffness be computed at some size."""
 
 
 class Point(NamedTuple):
@@ -178,10 +180,16 @@ def take_point(inputs, lane, point, given, stress_start, state_start, par, micro
         inputs[IN_GIVEN + i, lane] = given[point, i]
     if not finite:
         return _NOT_FINITE
-    a1, a2 = inputs[M_A1, lane], inputs[M_A2, lane]
-    if not (inputs[M_Z, lane] > SMALLEST_COORDINATION and a1 * a1 + a2 * a2 < 4.0):
+    z, a1, a2 = inputs[M_Z, lane], inputs[M_A1, lane], inputs[M_A2, lane]
+    if not (z > SMALLEST_COORDINATION and z < LARGEST_COORDINATION and a1 * a1 + a2 * a2 < 4.0):
+        return _NOT_ADMISSIBLE
+    # those of the stiffness, if it is that of the initial packing, and of the shifted weak forces
+    z, a1, a2 = inputs[M_Z_REF, lane], inputs[M_A1_REF, lane], inputs[M_A2_REF, lane]
+    if not (abs(z) < LARGEST_COORDINATION and a1 * a1 + a2 * a2 <= 4.0):
         return _NOT_ADMISSIBLE
     p = -0.5 * (stress_start[point, 0] + stress_start[point, 1])
+    if not abs(p) < math.inf:
+        return _NOT_FINITE
     return _OK if p > PRESSURE_FLOOR * par[PAR_KN] else _NO_PRESSURE
 
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.constitutive.arrays import stress_and_index, update_arrays
 from granfabric.constitutive.compilation import compiled
 from granfabric.constitutive.contract import Array, LawDescription, Status, TangentKind, UpdateReport, Variable
-from granfabric.constitutive.parameters import ParameterError
+from granfabric.constitutive.parameters import ParameterError, is_number, is_within, rows_of
+from granfabric.constitutive.threads import FEWEST_CHEAP_POINTS, run_in_threads
+
+OK, NOT_FINITE = int(Status.OK), int(Status.NOT_FINITE)
 
 ELASTIC_PARAMETERS = (
     Variable("youngs_modulus", "Young's modulus E", "Pa", lower=1e-300, upper=1e300),
@@ -27,9 +30,9 @@ def check_parameters(variables: Sequence[Variable], values: Sequence[float]) -> 
     ParameterError
     """
     for variable, value in zip(variables, values):
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not np.isfinite(value):
+        if not is_number(value):
             raise ParameterError(f"{variable.name} = {value!r} is not a finite number")
-        if not variable.lower <= value <= variable.upper:
+        if not is_within(value, variable.lower, variable.upper):
             raise ParameterError(
                 f"{variable.name} = {value!r} is outside [{variable.lower:g}, {variable.upper:g}] "
                 f"({variable.meaning}, unit {variable.unit})"
@@ -48,13 +51,17 @@ class ElasticMaterial:
         check_parameters(ELASTIC_PARAMETERS, (self.youngs_modulus, self.poissons_ratio))
 
 
-def index_of_points(material_index: NDArray[np.int32] | None, npoints: int) -> NDArray[np.int32]:
-    """Row of the parameter table for each point; zeros if none was given."""
-    return np.zeros(npoints, dtype=np.int32) if material_index is None else material_index
+def report_of(status: NDArray[np.int8]) -> UpdateReport:
+    """Report of a law that takes one substep a point."""
+    ok = bool((status <= Status.LIMITED).all())
+    ones = np.ones(len(status), dtype=np.int32)
+    return UpdateReport(status, ones, np.zeros_like(ones), 1.0 if ok else 0.5)
 
 
-@compiled(("constitutive",), parallel=True)
+@compiled(nogil=True)
 def _update(
+    first: int,
+    end: int,
     table: Array,
     index: NDArray[np.int32],
     strain_increment: Array,
@@ -64,7 +71,7 @@ def _update(
     want_tangent: bool,
     status: NDArray[np.int8],
 ) -> None:
-    for point in numba.prange(len(strain_increment)):
+    for point in range(first, end):
         young = table[index[point], 0]
         poisson = table[index[point], 1]
         shear = young / (2.0 * (1.0 + poisson))
@@ -72,15 +79,16 @@ def _update(
         xx = strain_increment[point, 0]
         yy = strain_increment[point, 1]
         xy = strain_increment[point, 2]
-        finite = np.isfinite(xx + yy + xy)
-        status[point] = 0 if finite else 6
+        volumetric = lame * (xx + yy)
+        end_xx = stress_start[point, 0] + (volumetric + 2.0 * shear * xx)
+        end_yy = stress_start[point, 1] + (volumetric + 2.0 * shear * yy)
+        end_xy = stress_start[point, 2] + shear * xy
+        finite = np.isfinite(end_xx) and np.isfinite(end_yy) and np.isfinite(end_xy)
+        status[point] = OK if finite else NOT_FINITE
         for i in range(3):
             stress_end[point, i] = stress_start[point, i]
         if finite:
-            volumetric = lame * (xx + yy)
-            stress_end[point, 0] += volumetric + 2.0 * shear * xx
-            stress_end[point, 1] += volumetric + 2.0 * shear * yy
-            stress_end[point, 2] += shear * xy
+            stress_end[point, 0], stress_end[point, 1], stress_end[point, 2] = end_xx, end_yy, end_xy
         if want_tangent:
             for i in range(3):
                 for j in range(3):
@@ -102,8 +110,8 @@ class LinearElasticLaw:
     """
 
     def __init__(self, materials: ElasticMaterial | Sequence[ElasticMaterial]) -> None:
-        rows = [materials] if isinstance(materials, ElasticMaterial) else list(materials)
-        self._table = np.array([[row.youngs_modulus, row.poissons_ratio] for row in rows])
+        rows = rows_of("a linear elastic law", materials, ElasticMaterial)
+        self._table = np.array([[row.youngs_modulus, row.poissons_ratio] for row in rows], dtype=np.float64)
 
     @property
     def description(self) -> LawDescription:
@@ -112,7 +120,7 @@ class LinearElasticLaw:
 
     def initial_state(self, stress: Array, material_index: NDArray[np.int32] | None = None) -> Array:
         """No state: shape (npt, 0)."""
-        return np.zeros((len(stress), 0))
+        return np.zeros((len(stress_and_index(stress, material_index, len(self._table))[0]), 0))
 
     def update(
         self,
@@ -126,12 +134,28 @@ class LinearElasticLaw:
         material_index: NDArray[np.int32] | None = None,
     ) -> UpdateReport:
         """See `constitutive.contract.Law.update`; all kinds of tangent are the same here."""
-        npoints = len(strain_increment)
+        arrays = update_arrays(
+            (0, len(self._table)),
+            strain_increment,
+            stress_start,
+            state_start,
+            stress_end,
+            state_end,
+            tangent,
+            tangent_kind,
+            material_index,
+        )
+        npoints = len(arrays.increment)
         status = np.empty(npoints, dtype=np.int8)
-        wanted = tangent is not None
-        matrices = tangent if tangent is not None else np.empty((0, 3, 3))
-        index = index_of_points(material_index, npoints)
-        _update(self._table, index, strain_increment, stress_start, stress_end, matrices, wanted, status)
-        ok = bool((status <= Status.LIMITED).all())
-        ones = np.ones(npoints, dtype=np.int32)
-        return UpdateReport(status, ones, np.zeros_like(ones), 1.0 if ok else 0.5)
+        arguments = (
+            self._table,
+            arrays.rows,
+            arrays.increment,
+            arrays.stress_start,
+            arrays.stress_end,
+            arrays.tangent,
+            tangent is not None,
+            status,
+        )
+        run_in_threads(_update, npoints, arguments, FEWEST_CHEAP_POINTS)
+        return report_of(status)

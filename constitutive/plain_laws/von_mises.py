@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.constitutive.arrays import stress_and_index, update_arrays
 from granfabric.constitutive.compilation import compiled
-from granfabric.constitutive.contract import Array, LawDescription, Status, TangentKind, UpdateReport, Variable
+from granfabric.constitutive.contract import Array, LawDescription, TangentKind, UpdateReport, Variable
+from granfabric.constitutive.parameters import rows_of
+from granfabric.constitutive.threads import FEWEST_CHEAP_POINTS, run_in_threads
 
-from .linear_elastic import ELASTIC_PARAMETERS, check_parameters, index_of_points
+from .linear_elastic import ELASTIC_PARAMETERS, NOT_FINITE, OK, check_parameters, report_of
 
 _PARAMETERS = (
     *ELASTIC_PARAMETERS,
@@ -38,8 +40,33 @@ class VonMisesMaterial:
         check_parameters(_PARAMETERS, (self.youngs_modulus, self.poissons_ratio, self.yield_stress, self.hardening))
 
 
-@compiled(("constitutive",), parallel=True)
+@compiled()
+def _isotropic(bulk: float, shear: float, tangent: Array) -> None:
+    """K I x I + 2 G (deviatoric projector) in the plane, engineering shear."""
+    for i in range(2):
+        for j in range(2):
+            tangent[i, j] = bulk - 2.0 * shear / 3.0
+        tangent[i, i] += 2.0 * shear
+        tangent[i, 2] = 0.0
+        tangent[2, i] = 0.0
+    tangent[2, 2] = shear
+
+
+@compiled()
+def _refuse(point, bulk, shear, stress_start, state_start, stress_end, state_end, tangent, want_tangent):  # type: ignore[no-untyped-def]
+    """End values of a failed point: its start values; Hooke's law for the tangent."""
+    for i in range(3):
+        stress_end[point, i] = stress_start[point, i]
+    for i in range(2):
+        state_end[point, i] = state_start[point, i]
+    if want_tangent:
+        _isotropic(bulk, shear, tangent[point])
+
+
+@compiled(nogil=True)
 def _update(
+    first: int,
+    end: int,
     table: Array,
     index: NDArray[np.int32],
     strain_increment: Array,
@@ -52,7 +79,7 @@ def _update(
     elastic_tangent: bool,
     status: NDArray[np.int8],
 ) -> None:
-    for point in numba.prange(len(strain_increment)):
+    for point in range(first, end):
         row = index[point]
         young = table[row, 0]
         poisson = table[row, 1]
@@ -62,12 +89,7 @@ def _update(
         xx = strain_increment[point, 0]
         yy = strain_increment[point, 1]
         xy = strain_increment[point, 2]
-        finite = np.isfinite(xx + yy + xy)
-        if not finite:
-            xx = 0.0
-            yy = 0.0
-            xy = 0.0
-        status[point] = 0 if finite else 6
+        status[point] = OK
         # Elastic trial: deviator of all four components, mean stress apart.
         third = (xx + yy) / 3.0
         szz0 = state_start[point, 0]
@@ -82,6 +104,11 @@ def _update(
         overstress = equivalent - strength
         # A point on its yield surface lies beyond it by rounding; without an increment that must not count.
         still = xx == 0.0 and yy == 0.0 and xy == 0.0
+        # A norm that overflows is caught here, too: then there is no direction to return along.
+        if not (np.isfinite(overstress) and np.isfinite(mean)):
+            _refuse(point, bulk, shear, stress_start, state_start, stress_end, state_end, tangent, want_tangent)
+            status[point] = NOT_FINITE
+            continue
         multiplier = 0.0
         if overstress > 0.0 and not still:
             multiplier = overstress / (3.0 * shear + hardening)
@@ -101,15 +128,7 @@ def _update(
         if not want_tangent:
             continue
         plastic = multiplier > 0.0 and not elastic_tangent
-        g = shear * (factor if plastic else 1.0)
-        # K I x I + 2 g (deviatoric projector) in the plane, engineering shear.
-        for i in range(2):
-            for j in range(2):
-                tangent[point, i, j] = bulk - 2.0 * g / 3.0
-            tangent[point, i, i] += 2.0 * g
-            tangent[point, i, 2] = 0.0
-            tangent[point, 2, i] = 0.0
-        tangent[point, 2, 2] = g
+        _isotropic(bulk, shear * (factor if plastic else 1.0), tangent[point])
         if plastic:
             # Radial return, Simo & Hughes 1998, box 3.2: minus 6 G^2 [1/(3G + H) - dgamma/q] N x N, N = dev/|dev|.
             norm2 = equivalent * equivalent / 1.5
@@ -138,10 +157,9 @@ class VonMisesLaw:
     """
 
     def __init__(self, materials: VonMisesMaterial | Sequence[VonMisesMaterial]) -> None:
-        rows = [materials] if isinstance(materials, VonMisesMaterial) else list(materials)
-        self._table = np.array(
-            [[row.youngs_modulus, row.poissons_ratio, row.yield_stress, row.hardening] for row in rows]
-        )
+        rows = rows_of("a von Mises law", materials, VonMisesMaterial)
+        values = [[row.youngs_modulus, row.poissons_ratio, row.yield_stress, row.hardening] for row in rows]
+        self._table = np.array(values, dtype=np.float64)
 
     @property
     def description(self) -> LawDescription:
@@ -150,8 +168,8 @@ class VonMisesLaw:
 
     def initial_state(self, stress: Array, material_index: NDArray[np.int32] | None = None) -> Array:
         """Out-of-plane stress ``nu (sigma_xx + sigma_yy)`` as if the stress were elastic; no plastic strain."""
+        stress, index = stress_and_index(stress, material_index, len(self._table))
         state = np.zeros((len(stress), 2))
-        index = index_of_points(material_index, len(stress))
         state[:, 0] = self._table[index, 1] * (stress[:, 0] + stress[:, 1])
         return state
 
@@ -171,23 +189,31 @@ class VonMisesLaw:
         "propagated" is the consistent tangent of the return; "continuum" is taken to be the same (their difference
         vanishes with the increment); "elastic" is Hooke's law.
         """
-        npoints = len(strain_increment)
-        status = np.empty(npoints, dtype=np.int8)
-        wanted = tangent is not None
-        matrices = tangent if tangent is not None else np.empty((0, 3, 3))
-        _update(
-            self._table,
-            index_of_points(material_index, npoints),
+        arrays = update_arrays(
+            (len(_STATE), len(self._table)),
             strain_increment,
             stress_start,
             state_start,
             stress_end,
             state_end,
-            matrices,
-            wanted,
+            tangent,
+            tangent_kind,
+            material_index,
+        )
+        npoints = len(arrays.increment)
+        status = np.empty(npoints, dtype=np.int8)
+        arguments = (
+            self._table,
+            arrays.rows,
+            arrays.increment,
+            arrays.stress_start,
+            arrays.state_start,
+            arrays.stress_end,
+            arrays.state_end,
+            arrays.tangent,
+            tangent is not None,
             tangent_kind == "elastic",
             status,
         )
-        ok = bool((status <= Status.LIMITED).all())
-        ones = np.ones(npoints, dtype=np.int32)
-        return UpdateReport(status, ones, np.zeros_like(ones), 1.0 if ok else 0.5)
+        run_in_threads(_update, npoints, arguments, FEWEST_CHEAP_POINTS)
+        return report_of(status)

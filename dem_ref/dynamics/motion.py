@@ -21,14 +21,17 @@ radii less half the overlap.) Pairs that cannot touch before the next refresh ar
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.dem_ref.arrays import changed_in_place, finite, is_within, whole
 from granfabric.dem_ref.sample.disks import Sample, SampleError
 from granfabric.dem_ref.sample.neighbours import NearPairs, find_near_pairs, most_neighbours
+from granfabric.dem_ref.threads import two_threads
 
 from .stepping import (
     DRAG_HEAT,
@@ -64,6 +67,19 @@ class Control:
     target_rate: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     fastest_rate: float = 1.0e-4
 
+    def bring_into_form(self) -> None:
+        """Check every array; one of another kind is replaced by a copy.
+
+        Raises
+        ------
+        SampleError
+        """
+        for name, shape in (("drive", (3,)), ("gain", (3, 3)), ("target", (3,)), ("target_rate", (3,))):
+            setattr(self, name, finite(name, getattr(self, name), shape))
+        if not is_within(self.fastest_rate, 0.0, np.inf):
+            raise SampleError(f"fastest_rate is {self.fastest_rate}, legal are values >= 0")
+        self.fastest_rate = float(self.fastest_rate)
+
 
 class Motion:
     """Steps a sample in time; the sample is changed in place.
@@ -95,19 +111,24 @@ class Motion:
         refresh: float = REFRESH,
         threads: int = 1,
     ) -> None:
-        if threads not in (1, 2):
+        if not is_within(threads, 1, 2) or threads not in (1, 2):
             raise SampleError(f"threads is {threads}, legal are 1 and 2")
-        if not 0.0 < step <= 0.5:
+        if not isinstance(sample, Sample):
+            raise SampleError(f"sample is {sample!r}, not a sample")
+        sample.bring_into_form()
+        if not is_within(step, 1e-12, 0.5):
             raise SampleError(f"step is {step}, legal are 0 < dt sqrt(kn/m) <= 0.5")
-        if not 0.0 <= damping < 1.0:
+        if not is_within(damping, 0.0, 1.0) or damping == 1.0:
             raise SampleError(f"damping is {damping}, legal are 0 <= damping < 1")
-        if not 0.0 < 4.0 * refresh <= skin <= LARGEST_SKIN:
+        if not (is_within(refresh, 0.0, 1.0) and is_within(skin, 0.0, 1.0)) or not (
+            0.0 < 4.0 * refresh <= skin <= LARGEST_SKIN
+        ):
             raise SampleError(
                 f"refresh is {refresh} with skin {skin}, legal are 0 < refresh <= skin/4 and skin <= {LARGEST_SKIN}"
             )
         self.sample = sample
         self.step = step * sqrt(6.0 / most_neighbours(sample.radius))
-        self.damping = damping
+        self.damping = float(damping)
         self.threads = threads
         self.steps_done = 0
         self.tally = np.zeros(3)
@@ -122,55 +143,96 @@ class Motion:
         self._velocity[:, :2] = sample.velocity
         self._velocity[:, 2] = sample.spin
         self._force = np.zeros((2, sample.count, 4))
+        self._taken = np.zeros(1, np.int64)
         self._room = -1.0  # travel left before the list of neighbours is stale
+        self._pairs: NearPairs | None = None
         self._arrays: tuple[NDArray, NDArray, NDArray, NDArray] | None = None
         self.rebuilds = 0
         self.refreshes = 0
 
     def _find_neighbours(self) -> None:
         sample = self.sample
+        if not (np.isfinite(sample.position).all() and np.isfinite(sample.cell).all()):
+            raise UnstableMotionError(f"the motion lost its stability after {self.steps_done} steps: reduce the step")
         sample.pairs = find_near_pairs(sample.position, sample.radius, sample.cell, self._skin, sample.pairs)
         size = len(sample.pairs.first)
         self._arrays = (
             np.empty(size, np.uint32), np.empty(size, np.uint32), np.empty((size, 5)), np.empty(size, np.uint32)
         )  # fmt: skip
+        self._pairs = sample.pairs
         self._room = self._skin - 2.0 * self._refresh
         self.rebuilds += 1
 
+    def _bring_into_form(self) -> None:
+        """Everything that the kernels are handed, since all of it can be reached from outside."""
+        sample = self.sample
+        sample.bring_into_form()
+        if sample.count != len(self._velocity):
+            raise SampleError(f"the sample has {sample.count} disks now, the motion began with {len(self._velocity)}")
+        self.stress = changed_in_place("stress", self.stress, (3,))
+        self.tally = changed_in_place("tally", self.tally, (3,))
+        self.measures = changed_in_place("measures", self.measures, (8,))
+        if sample.pairs is not self._pairs:
+            self._room = -1.0  # somebody else's list
+
     def run(self, steps: int, control: Control | None = None) -> int:
-        """Advance by `steps` steps; afterwards `stress`, `measures`, `tally` and the sample are up to date."""
+        """Advance by `steps` steps; afterwards `stress`, `measures`, `tally` and the sample are up to date.
+
+        Also when it is interrupted: then fewer steps were taken.
+
+        Raises
+        ------
+        SampleError
+            If an array of the sample, the motion or the control has another shape or kind.
+        UnstableMotionError
+        """
+        steps = whole("steps", steps, 0)
         control = control or Control()
+        control.bring_into_form()
+        self._bring_into_form()
+        with two_threads(self.threads == 2) as both:
+            done = self._take(steps, control, advance_two_threads if both else advance)
+        if not np.isfinite(self.stress).all():
+            raise UnstableMotionError(f"the motion lost its stability after {self.steps_done} steps: reduce the step")
+        return done
+
+    def _take(self, steps: int, control: Control, take_steps: Callable[..., None]) -> int:
         sample = self.sample
         kn = sample.normal_stiffness
-        take_steps = advance_two_threads if self.threads == 2 else advance
-        done = 0
-        while done < steps:
-            if self._room <= 0.0:
-                self._find_neighbours()
-            assert self._arrays is not None
-            first, second, branch, source = self._arrays
-            pairs = sample.pairs
-            count = refresh_contacts(
-                sample.position, sample.radius, sample.cell, sample.strain_rate, self._velocity, pairs.first,
-                pairs.second, pairs.image, pairs.tangential, 2.0 * self._refresh, first, second, branch, source,
-            )  # fmt: skip
-            # a single step may overshoot the allowed travel; the margin of two leaves room for one such step
-            done += take_steps(
-                steps - done, self._refresh, self._longest, count, first, second, branch, self._velocity, self._force,
-                sample.position, sample.cell, sample.strain_rate, sample.strain, self.stress, control.target,
-                control.target_rate, control.drive, control.gain, control.fastest_rate, kn, kn * sample.stiffness_ratio,
-                sample.friction, self.step, self.damping, self.tally, self.measures,
-            )  # fmt: skip
-            write_back(pairs.tangential, source, branch, count)
-            self._room -= self.measures[TRAVEL]
-            self.refreshes += 1
-        if not np.isfinite(self.stress).all():
-            raise UnstableMotionError(
-                f"the motion lost its stability after {self.steps_done + done} steps: reduce the step"
-            )
-        self.steps_done += done
-        sample.velocity = self._velocity[:, :2].copy()
-        sample.spin = self._velocity[:, 2].copy()
+        done, count = 0, -1
+        self._taken[0] = 0
+        try:
+            while done < steps:
+                if self._room <= 0.0:
+                    self._find_neighbours()
+                assert self._arrays is not None
+                first, second, branch, source = self._arrays
+                pairs = sample.pairs
+                count = refresh_contacts(
+                    sample.position, sample.radius, sample.cell, sample.strain_rate, self._velocity, pairs.first,
+                    pairs.second, pairs.image, pairs.tangential, 2.0 * self._refresh, first, second, branch, source,
+                )  # fmt: skip
+                # a single step may overshoot the allowed travel; the margin of two leaves room for one such step
+                self._taken[0] = 0
+                take_steps(
+                    steps - done, self._refresh, self._longest, count, first, second, branch, self._velocity,
+                    self._force, sample.position, sample.cell, sample.strain_rate, sample.strain, self.stress,
+                    control.target, control.target_rate, control.drive, control.gain, control.fastest_rate, kn,
+                    kn * sample.stiffness_ratio, sample.friction, self.step, self.damping, self.tally, self.measures,
+                    self._taken,
+                )  # fmt: skip
+                write_back(pairs.tangential, source, branch, count)
+                done, count = done + int(self._taken[0]), -1
+                self._room -= self.measures[TRAVEL]
+                self.refreshes += 1
+        finally:
+            if count >= 0:  # interrupted between the steps and what belongs to them
+                write_back(pairs.tangential, source, branch, count)
+                done += int(self._taken[0])
+                self._room = -1.0
+            self.steps_done += done
+            sample.velocity = self._velocity[:, :2].copy()
+            sample.spin = self._velocity[:, 2].copy()
         return done
 
     @property

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.dem_ref.arrays import is_whole, number, whole
 from granfabric.dem_ref.sample.disks import Sample, SampleError
 from granfabric.dem_ref.sample.neighbours import find_near_pairs, spatial_order
 
@@ -24,6 +25,7 @@ OVERPRESSURE = 10.0
 PRESSURE_FACTOR = 0.7
 LOOSE_TOLERANCE = 1.0e-2
 TIGHT_TOLERANCE = 2.0e-5
+MOST_DISKS = 10_000_000
 DISTRIBUTIONS = ("uniform", "uniform_area", "bidisperse", "monodisperse")
 
 
@@ -62,16 +64,14 @@ class PackingOptions:
 
     def check(self) -> None:
         """Raise `SampleError` on the first value out of bounds."""
-        if self.distribution not in DISTRIBUTIONS:
+        if not isinstance(self.distribution, str) or self.distribution not in DISTRIBUTIONS:
             raise SampleError(f"distribution is '{self.distribution}', legal are {', '.join(DISTRIBUTIONS)}")
         bounds = {
             "stiffness_to_pressure": (50.0, 1.0e6), "normal_stiffness": (1e-300, 1e300), "stiffness_ratio": (1e-6, 1.0),
             "friction": (0.0, 1e3), "diameter_ratio": (1.0, 5.0), "mean_diameter": (1e-300, 1e300),
         }  # fmt: skip
         for name, (low, high) in bounds.items():
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise SampleError(f"{name} is {value}, legal are {low:g} to {high:g}")
+            number(name, getattr(self, name), low, high)
 
 
 def random_diameters(count: int, options: PackingOptions, random: np.random.Generator) -> NDArray[np.float64]:
@@ -114,8 +114,10 @@ def make_packing(
     """
     options = options or PackingOptions()
     options.check()
-    if not (isinstance(count, int | np.integer) and count >= 50):
+    if not (is_whole(count) and count >= 50):
         raise SampleError(f"the number of disks is {count}, legal are whole numbers >= 50")
+    count = whole("the number of disks", count, 50, MOST_DISKS)
+    seed = whole("seed", seed, 0, 2**63 - 1)
     report = progress or (lambda text, fraction: None)
     random = np.random.default_rng(seed)
     radius = 0.5 * random_diameters(int(count), options, random)

@@ -14,6 +14,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.dem_ref.arrays import SampleError, changed_in_place, disks, finite, number, whole
 from granfabric.dem_ref.compilation import compiled
 from granfabric.dem_ref.sample.neighbours import NearPairs, find_near_pairs, most_neighbours
 
@@ -209,8 +210,26 @@ def relax(
         stress component.
     fixed_cell : bool
         Keep the cell: ends as soon as no force is left or the tolerance is met.
+
+    Raises
+    ------
+    SampleError
+        If an array has another shape or kind, cannot be written, or a number is out of bounds.
+    CellTooSmallError
     """
-    n = len(radius)
+    n = len(disks(position, radius)[1])
+    radius = finite("radius", radius, (n,))
+    position = changed_in_place("position", position, (n, 2))
+    cell = changed_in_place("cell", cell, (2, 2))
+    if any(np.may_share_memory(*both) for both in ((position, cell), (position, radius), (cell, radius))):
+        raise SampleError("position, cell and radius must be arrays of their own, but two of them share memory")
+    if not n or not radius.min() > 0.0:
+        raise SampleError("a relaxation needs disks with positive radii")
+    pressure = number("pressure", pressure, 0.0, 1e3)
+    tolerance = number("tolerance", tolerance, 0.0, 1e3)
+    skin = number("skin", skin, 1e-6, 10.0)
+    steps = whole("steps", steps, 0)
+    fixed_cell = bool(fixed_cell)
     velocity = np.zeros((n, 2))
     force = np.zeros((n, 2))
     cell_velocity = np.zeros(3)

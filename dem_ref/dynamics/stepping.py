@@ -156,9 +156,9 @@ def _move(velocity, force, other_force, position, rate, keep, push, sums):
 
 def _steps(
     steps, room, longest, count, first, second, branch, velocity, force, position, cell, rate, strain, stress, target,
-    target_rate, drive, gain, fastest_rate, kn, kt, friction, step, damping, tally, out,
+    target_rate, drive, gain, fastest_rate, kn, kt, friction, step, damping, tally, out, taken,
 ):  # fmt: skip
-    """Step until `steps` are done or a pair may have moved by `room`; returns the steps done.
+    """Step until `steps` are done or a pair may have moved by `room`; `taken` receives the steps done.
 
     Every step: contact forces, Love-Weber stress, strain rate ``drive + gain (target - stress)``, motion. Contacts and
     particles are worked on in two halves whatever the number of threads, each half with its own array of forces, so
@@ -240,7 +240,8 @@ def _steps(
     out[CONTACTS] = contacts
     out[TRAVEL] = travel
     out[FASTEST] = fastest
-    return done
+    # not returned: Ctrl-C comes after the call and before what it returns is kept
+    taken[0] = done
 
 
 advance = compiled(fastmath=_FAST)(_steps)

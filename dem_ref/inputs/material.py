@@ -12,18 +12,37 @@ elastic probes of 0.2 % of p                     bulk_reduction, shear_reduction
 an isotropic unloading by 5 %                    isostatic_coordination
 loops to q/p = 0.05                              force_anisotropy_ratio, slip, irreversible_scatter
 ===============================================  ===============================================================
+
+Each value comes with the standard error of one packing against the mean of many made alike (`uncertainty`).
 """
 
 from __future__ import annotations
 
+import numpy as np
+
 from granfabric.dem_ref.loading.legs import stress_invariants
-from granfabric.dem_ref.measures.contacts import contacts_of, coordination_number, force_harmonics, love_weber_stress
-from granfabric.dem_ref.measures.distribution import force_distribution
-from granfabric.dem_ref.measures.tessellation import gap_distribution
+from granfabric.dem_ref.measures.contacts import (
+    Contacts,
+    bearing_particles,
+    contacts_of,
+    coordination_number,
+    fabric_anisotropy,
+    force_harmonics,
+    love_weber_stress,
+    rattler_minimum,
+)
+from granfabric.dem_ref.measures.distribution import FORCE_WINDOW, edge_value_error, force_distribution
+from granfabric.dem_ref.measures.tessellation import (
+    gap_density_error,
+    gap_distribution,
+    radical_neighbours,
+    solid_fraction_error,
+)
+from granfabric.dem_ref.measures.uncertainty import Measured, blocks_of, blocks_of_contacts, jackknife
 from granfabric.dem_ref.sample.disks import Sample, SampleError
 
-from .probes import ELASTIC_LIMITS, elastic_moduli, elastic_probes, shear_modulus, stress_probe
-from .weak_contacts import LOOP_STRESS_RATIO, measure_slip, measure_weak_contacts
+from .probes import ELASTIC_LIMITS, at_rest, elastic_moduli, elastic_probes, moduli_errors, shear_modulus, stress_probe
+from .weak_contacts import LOOP_STRESS_RATIO, measure_slip_with_errors, measure_weak_contacts, weak_contact_errors
 
 RATTLERS = ("included", "excluded")
 MATERIAL_KEYS = (
@@ -43,15 +62,27 @@ UNLOADING = 0.05
 """Share of p taken off to see how the shear modulus falls with the coordination number."""
 
 
+ISOTROPIC = 0.01
+"""Largest q/p of a packing that counts as isotropic; what a packing is left with after it was made is below 1e-6."""
+
+
 def measure_material(
     sample: Sample, rattlers: str = "included", loop_stress_ratio: float = LOOP_STRESS_RATIO
 ) -> dict[str, float]:
+    """The values of `measure_material_with_errors`."""
+    measured = measure_material_with_errors(sample, rattlers, loop_stress_ratio)
+    return {name: entry.value for name, entry in measured.items()}
+
+
+def measure_material_with_errors(
+    sample: Sample, rattlers: str = "included", loop_stress_ratio: float = LOOP_STRESS_RATIO
+) -> dict[str, Measured]:
     """All inputs of the point law but those of sliding, measured on an isotropic packing and on small probes of it.
 
     Parameters
     ----------
     sample : Sample
-        At rest under isotropic stress, friction on; not changed.
+        Under isotropic stress, friction on; not changed. If it is not at rest, a copy held at its stress is measured.
     rattlers : str
         ``"included"``: coordination over all particles, to which the uniform-strain moduli and the mean force refer;
         ``"excluded"``: without rattlers. The isostatic coordination follows the same counting: it is where the straight
@@ -61,40 +92,81 @@ def measure_material(
 
     Returns
     -------
-    dict
-        Keys `MATERIAL_KEYS` (the scene's table ``[material]``) and `CLOSURE_KEYS` (its table ``[closure]``).
+    dict of str to Measured
+        Keys `MATERIAL_KEYS` (the scene's table ``[material]``) and `CLOSURE_KEYS` (its table ``[closure]``); values
+        that the packing does not give are NaN.
+
+    Raises
+    ------
+    SampleError
+        If the sample has no pressure, or is not isotropic.
+    ProbeError
+        If it does not come to rest, or does not carry a probe.
     """
     if rattlers not in RATTLERS:
         raise SampleError(f"rattlers is '{rattlers}', legal are 'included' and 'excluded'")
+    sample = at_rest(sample)
     contacts = contacts_of(sample)
-    z = coordination_number(sample, contacts)
-    gaps = gap_distribution(sample, window=CLOSING_FORCE * mean_overlap(sample) / sample.mean_diameter)
+    p, q, _ = stress_invariants(love_weber_stress(sample, contacts))
+    if q > ISOTROPIC * p:
+        raise SampleError(f"the sample carries q/p = {q / p:.3g}, the inputs are measured on an isotropic packing")
+    neighbours = radical_neighbours(sample)
+    window = CLOSING_FORCE * mean_overlap(sample) / sample.mean_diameter
+    gaps = gap_distribution(sample, neighbours, window)
     isotropic, shear = elastic_probes(sample)
     moduli = elastic_moduli(sample, isotropic, shear)
+    bulk_error, shear_error = moduli_errors(isotropic, shear)
     weak = measure_weak_contacts(sample, isotropic, shear)
-    loop = measure_slip(sample, loop_stress_ratio)
+    weak_error = weak_contact_errors(sample, isotropic, shear)
+    loop, loop_error = measure_slip_with_errors(sample, loop_stress_ratio)
+    delay = sample.friction / weak.tangential_response
+    block = blocks_of_contacts(sample, contacts)
     return {
-        "coordination": z.all_particles if rattlers == "included" else z.without_rattlers,
-        "solid_fraction": sample.solid_fraction,
-        "normal_stiffness": sample.normal_stiffness,
-        "stiffness_ratio": sample.stiffness_ratio,
-        "force_density_at_zero": force_distribution(contacts).at_zero.value,
-        "gap_density_at_zero": gaps.mean_density,
-        "neighbours": gaps.neighbours,
-        "force_anisotropy_ratio": loop.force_anisotropy_ratio,
-        "bulk_reduction": moduli.bulk_reduction,
-        "shear_reduction": moduli.shear_reduction,
-        "isostatic_coordination": isostatic_coordination(sample, moduli.shear, rattlers),
-        "weak_contact_ratio": weak.ratio,
-        "weak_contact_ratio_isotropic": weak.ratio_isotropic,
-        "elastic_scatter": weak.scatter,
-        "elastic_scatter_isotropic": weak.scatter_isotropic,
-        "irreversible_scatter": loop.irreversible_scatter,
-        "tangential_force_ratio": weak.tangential_ratio,
-        "slip": loop.slip,
-        "slip_delay": sample.friction / weak.tangential_response,
-        "fluctuation": weak.fluctuation,
+        "coordination": _coordination(sample, contacts, rattlers),
+        "solid_fraction": Measured(sample.solid_fraction, solid_fraction_error(sample)),
+        "normal_stiffness": Measured(sample.normal_stiffness, 0.0),
+        "stiffness_ratio": Measured(sample.stiffness_ratio, 0.0),
+        "force_density_at_zero": Measured(
+            force_distribution(contacts).at_zero.value, edge_value_error(contacts.normal_force, block, FORCE_WINDOW)
+        ),
+        "gap_density_at_zero": Measured(gaps.mean_density, gap_density_error(sample, neighbours, window)),
+        "neighbours": Measured(gaps.neighbours, 0.0),
+        "force_anisotropy_ratio": Measured(loop.force_anisotropy_ratio, loop_error.force_anisotropy_ratio),
+        "bulk_reduction": Measured(moduli.bulk_reduction, bulk_error * moduli.bulk_reduction),
+        "shear_reduction": Measured(moduli.shear_reduction, shear_error * moduli.shear_reduction),
+        "isostatic_coordination": _isostatic(sample, moduli.shear, shear_error, rattlers),
+        "weak_contact_ratio": Measured(weak.ratio, weak_error.ratio),
+        "weak_contact_ratio_isotropic": Measured(weak.ratio_isotropic, weak_error.ratio_isotropic),
+        "elastic_scatter": Measured(weak.scatter, weak_error.scatter),
+        "elastic_scatter_isotropic": Measured(weak.scatter_isotropic, weak_error.scatter_isotropic),
+        "irreversible_scatter": Measured(loop.irreversible_scatter, loop_error.irreversible_scatter),
+        "tangential_force_ratio": Measured(weak.tangential_ratio, weak_error.tangential_ratio),
+        "slip": Measured(loop.slip, loop_error.slip),
+        "slip_delay": Measured(delay, delay * weak_error.tangential_response / weak.tangential_response),
+        "fluctuation": Measured(weak.fluctuation, weak_error.fluctuation),
     }
+
+
+def measure_fabric(sample: Sample) -> tuple[Measured, Measured]:
+    """Fabric anisotropy of a packing, components along cos 2 theta and sin 2 theta; near zero, isotropic on average."""
+    contacts = contacts_of(sample)
+    block = blocks_of_contacts(sample, contacts)
+    value = fabric_anisotropy(contacts)
+    error = jackknife(lambda without: fabric_anisotropy(contacts.subset(block != without)))
+    return Measured(float(value[0]), float(error[0])), Measured(float(value[1]), float(error[1]))
+
+
+def _coordination(sample: Sample, contacts: Contacts, rattlers: str) -> Measured:
+    z = coordination_number(sample, contacts)
+    held = np.ones(sample.count, bool)
+    if rattlers == "excluded":
+        held = bearing_particles(sample.count, contacts, rattler_minimum(sample))
+    kept = held[contacts.first] & held[contacts.second]
+    ends = np.concatenate([contacts.first[kept], contacts.second[kept]])
+    number = np.bincount(ends, minlength=sample.count)
+    block = blocks_of(sample.position, sample.cell)
+    error = float(jackknife(lambda without: number[held & (block != without)].mean()))
+    return Measured(z.all_particles if rattlers == "included" else z.without_rattlers, error)
 
 
 def mean_overlap(sample: Sample) -> float:
@@ -104,10 +176,26 @@ def mean_overlap(sample: Sample) -> float:
 
 def isostatic_coordination(sample: Sample, modulus: float, rattlers: str) -> float:
     """Coordination number where a straight line through G(z) reaches zero; G [Pa] of the packing itself is given."""
+    return _isostatic(sample, modulus, float("nan"), rattlers).value
+
+
+def _isostatic(sample: Sample, modulus: float, modulus_error: float, rattlers: str) -> Measured:
+    """The same with its error; that of the modulus is relative, of the mean over two directions.
+
+    ``z_iso = z - dz/s`` with the contacts lost on unloading and the softening s. Both hang on a count of few contacts,
+    and s on the direction of the one modulus after unloading, which is off as much as the mean of two may be.
+    """
     p = stress_invariants(love_weber_stress(sample))[0]
-    unloaded = stress_probe(sample, -UNLOADING * p, 0.0, limits=ELASTIC_LIMITS).sample
+    probe = stress_probe(sample, -UNLOADING * p, 0.0, limits=ELASTIC_LIMITS)
+    unloaded = probe.sample
     before, after = coordination_number(sample), coordination_number(unloaded)
     counted = "all_particles" if rattlers == "included" else "without_rattlers"
     z0, z1 = getattr(before, counted), getattr(after, counted)
     softening = 1.0 - shear_modulus(unloaded) / modulus
-    return z0 - (z0 - z1) / softening if softening > 0.0 else float("nan")
+    if not softening > 0.0:
+        return Measured(float("nan"), float("nan"))
+    lost = probe.change.lost
+    count_error = 2.0 * np.sqrt(lost + 1.0) / sample.count
+    softening_error = np.hypot(modulus_error, softening / np.sqrt(max(lost, 1)))
+    error = np.hypot(count_error / softening, (z0 - z1) / softening**2 * softening_error)
+    return Measured(z0 - (z0 - z1) / softening, float(error))

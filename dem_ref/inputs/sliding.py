@@ -12,13 +12,15 @@ q/p. The hyperbola misses by ten per cent.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.dem_ref.measures.uncertainty import Measured
 from granfabric.dem_ref.sample.disks import SampleError
 
 Array = NDArray[np.float64]
@@ -35,6 +37,9 @@ SOFTEST = 0.2
 """The shear modulus is taken to fall to this share at most; beyond, q hardly changes any more."""
 WINDOW = 0.1
 """The peak is the largest mean over this share of the whole strain, which evens out single stress drops."""
+LEVELS = 60
+PARTS = 8
+"""Parts of a loading whose differences tell how far its parameters may be off."""
 LEAST_STRAIN = 50.0
 """A loading that is shorter than so many reference strains has not come to within 2 % of the peak that it tends to."""
 
@@ -130,9 +135,18 @@ def peak_stress_ratio(part: PlasticPart) -> float:
     return float(np.convolve(even, np.ones(width) / width, "valid").max())
 
 
-def fit_hardening(part: PlasticPart, peak: float, exponent: float = EXPONENT, first: float = 0.0) -> Hardening:
-    """Reference strain of a given peak, so that q/p at given strain errs least (mean square, relative)."""
-    levels = np.linspace(SMALLEST_LEVEL, LARGEST_LEVEL * peak, 60)
+@dataclass(frozen=True)
+class _Passages:
+    """Levels of q/p with the strain and the plastic strain at their first passage, and their weight in a fit."""
+
+    levels: Array
+    shear: Array
+    plastic: Array
+    weight: Array
+
+
+def _passages(part: PlasticPart, peak: float) -> _Passages:
+    levels = np.linspace(SMALLEST_LEVEL, LARGEST_LEVEL * peak, LEVELS)
     # the first passage of each level
     rising = np.maximum.accumulate(part.stress_ratio)
     keep = np.concatenate([[True], np.diff(rising) > 0.0])
@@ -140,14 +154,25 @@ def fit_hardening(part: PlasticPart, peak: float, exponent: float = EXPONENT, fi
         raise SampleError("too few records on the way to the peak for a fit of hardening")
     shear = np.interp(levels, rising[keep], part.shear[keep])
     plastic = np.interp(levels, rising[keep], part.plastic_shear[keep])
-    h = np.maximum((levels - first) / (peak - first), 0.0)
-    shape = h**exponent / (1.0 - h)
     # an error of strain is one of q/p over the slope of the strain
-    weight = 1.0 / (np.gradient(shear, levels) * levels)
-    reference = float(np.sum(weight**2 * shape * plastic) / np.sum(weight**2 * shape**2))
-    predicted = shear - plastic + reference * shape
-    misfit = np.interp(shear, predicted, levels) / levels - 1.0
-    inside = shear <= predicted[-1]
+    return _Passages(levels, shear, plastic, 1.0 / (np.gradient(shear, levels) * levels))
+
+
+def _reference(at: _Passages, peak: float, exponent: float, first: float, kept: Array | None = None) -> float:
+    h = np.maximum((at.levels - first) / (peak - first), 0.0)
+    shape = h**exponent / (1.0 - h)
+    weight = at.weight if kept is None else at.weight * kept
+    return float(np.sum(weight**2 * shape * at.plastic) / np.sum(weight**2 * shape**2))
+
+
+def fit_hardening(part: PlasticPart, peak: float, exponent: float = EXPONENT, first: float = 0.0) -> Hardening:
+    """Reference strain of a given peak, so that q/p at given strain errs least (mean square, relative)."""
+    at = _passages(part, peak)
+    reference = _reference(at, peak, exponent, first)
+    h = np.maximum((at.levels - first) / (peak - first), 0.0)
+    predicted = at.shear - at.plastic + reference * (h**exponent / (1.0 - h))
+    misfit = np.interp(at.shear, predicted, at.levels) / at.levels - 1.0
+    inside = at.shear <= predicted[-1]
     return Hardening(peak, reference, exponent, first, float(np.abs(misfit[inside]).max()))
 
 
@@ -166,19 +191,75 @@ def fit_dilatancy(part: PlasticPart, peak: float) -> tuple[float, float]:
             raise SampleError("too few records on the way to the peak for the dilatancy")
         means.append((work[end] - work[start]) / sheared)
         rates.append((part.plastic_dilation[end] - part.plastic_dilation[start]) / sheared)
+    return _line(means, rates)
+
+
+def _line(means: Sequence[float], rates: Sequence[float]) -> tuple[float, float]:
     slope = (rates[1] - rates[0]) / (means[1] - means[0])
     return float(slope), float(means[1] - rates[1] / slope)
+
+
+def sliding_errors(part: PlasticPart, hardening: Hardening) -> dict[str, float]:
+    """Standard errors of the parameters of sliding, from parts of the loading; keys `SLIDING_KEYS`.
+
+    The peak: scatter of the means over windows like its own, from where q/p first comes near it. The reference strain:
+    fits without each eighth of the levels, and what it owes to the error of the peak. Dilatancy: fits without each
+    eighth of the strain before and after. Exponent and first yield are chosen.
+    """
+    peak = hardening.peak
+    first = int(np.argmax(part.stress_ratio >= LARGEST_LEVEL * peak))
+    edges = np.arange(part.shear[first], part.shear[-1], WINDOW * (part.shear[-1] - part.shear[0]))
+    grid = np.linspace(edges[0], part.shear[-1], 401)
+    even = np.interp(grid, part.shear, part.stress_ratio)
+    windows = [even[(grid >= low) & (grid < high)].mean() for low, high in pairwise(edges)]
+    peak_error = float(np.std(windows, ddof=1)) if len(windows) > 1 else float("nan")
+
+    at = _passages(part, peak)
+    eighth = np.arange(LEVELS) * PARTS // LEVELS
+    without = [_reference(at, peak, hardening.exponent, hardening.first, eighth != k) for k in range(PARTS)]
+    moved = _reference(at, peak + peak_error, hardening.exponent, hardening.first) - hardening.reference
+
+    pieces = []
+    for start, end in ((0, first), (first, len(part.shear) - 1)):
+        places = np.linspace(part.plastic_shear[start], part.plastic_shear[end], PARTS + 1)
+        ends = start + np.searchsorted(np.maximum.accumulate(part.plastic_shear[start : end + 1]), places)
+        ends[0], ends[-1] = start, end
+        columns = (part.plastic_shear, _integral(part.stress_ratio, part.plastic_shear), part.plastic_dilation)
+        pieces.append(np.array([np.diff(column[ends]) for column in columns]))
+    fits = []
+    for k in range(PARTS):
+        for leave in ((k, None), (None, k)):
+            sums = [np.delete(piece, gone, axis=1).sum(axis=1) if gone is not None else piece.sum(axis=1)
+                    for piece, gone in zip(pieces, leave)]  # fmt: skip
+            fits.append(_line([s[1] / s[0] for s in sums], [s[2] / s[0] for s in sums]))
+    before, after = np.array(fits[0::2]), np.array(fits[1::2])
+    dilatancy = np.hypot(_spread(before), _spread(after))
+    values = (peak_error, 0.0, float(np.hypot(_spread(np.array(without)), moved)), 0.0, *dilatancy.tolist())
+    return dict(zip(SLIDING_KEYS, values, strict=True))
+
+
+def _spread(values: Array) -> Array:
+    """Standard error of a fit from the fits without each of its parts."""
+    return np.asarray(np.sqrt((PARTS - 1) / PARTS * np.sum((values - values.mean(axis=0)) ** 2, axis=0)))
 
 
 def measure_sliding(
     history: Mapping[str, Array], measured: Mapping[str, float], rattlers: str = "included"
 ) -> tuple[dict[str, float], float]:
+    """The values of `measure_sliding_with_errors`, and what the fit leaves."""
+    found, misfit = measure_sliding_with_errors(history, measured, rattlers)
+    return {name: entry.value for name, entry in found.items()}, misfit
+
+
+def measure_sliding_with_errors(
+    history: Mapping[str, Array], measured: Mapping[str, float], rattlers: str = "included"
+) -> tuple[dict[str, Measured], float]:
     """Parameters of sliding from a loading at constant pressure beyond the peak.
 
     Returns
     -------
-    dict
-        Keys `SLIDING_KEYS` of the scene's table ``[material]``.
+    dict of str to Measured
+        Keys `SLIDING_KEYS` of the scene's table ``[material]``, with standard errors from parts of the loading.
     float
         Largest relative error of q/p at a given shear strain that the fit leaves, see `Hardening`.
 
@@ -197,4 +278,6 @@ def measure_sliding(
         )
     slope, constant = fit_dilatancy(part, peak)
     values = (peak, 0.0, hardening.reference, hardening.exponent, slope, constant)
-    return dict(zip(SLIDING_KEYS, values, strict=True)), hardening.misfit
+    errors = sliding_errors(part, hardening)
+    named = zip(SLIDING_KEYS, values, strict=True)
+    return {name: Measured(value, errors[name]) for name, value in named}, hardening.misfit

@@ -6,6 +6,7 @@ mean normal force f.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,14 +15,17 @@ from numpy.typing import NDArray
 from granfabric.dem_ref.loading.legs import stress_invariants
 from granfabric.dem_ref.measures.contacts import Contacts, contacts_of, force_harmonics, love_weber_stress
 from granfabric.dem_ref.measures.events import match_contacts
+from granfabric.dem_ref.measures.uncertainty import blocks_of_contacts, jackknife
 from granfabric.dem_ref.sample.disks import Sample
 
-from .probes import ELASTIC_LIMITS, Probe, settled, stress_probe
+from .probes import ELASTIC_LIMITS, Probe, ProbeError, settled, stress_probe
 
 Array = NDArray[np.float64]
 
 WEAK_FORCE = 0.15
 """Contacts up to this share of the mean normal force are near opening."""
+FEWEST_WEAK = 2
+"""A straight line goes through two; its scatter is then zero, as its error tells."""
 SCATTER_FORCES = (0.1, 0.5)
 """Contacts whose residual change after a loop is taken: weak, but so that few are lost in the loop."""
 LOOP_STRESS_RATIO = 0.05
@@ -67,6 +71,12 @@ class _Response:
     force: Array
     double_angle: Array
 
+    def subset(self, chosen: NDArray[np.bool_]) -> _Response:
+        """The contacts selected by a mask."""
+        return _Response(
+            self.normal[chosen], self.tangential[chosen], self.force[chosen], self.double_angle[chosen]
+        )
+
 
 def _response(before: Contacts, after: Contacts) -> _Response:
     match = match_contacts(before, after)
@@ -80,6 +90,51 @@ def _response(before: Contacts, after: Contacts) -> _Response:
     )
 
 
+def _isotropic_row(response: _Response) -> Array:
+    """chi_p and c_p."""
+    mean = np.full(len(response.normal), response.normal.mean())
+    ratio, scatter = _ratio_at_zero(response.normal, mean, response.force)
+    return np.array([ratio, scatter / abs(ratio * mean[0])])
+
+
+def _shear_row(response: _Response, strain_unit: float, stress_ratio: float) -> Array:
+    """chi, c_e, c_w, c_t and the response of weak tangential forces."""
+    basis = np.column_stack([np.ones(len(response.normal)), response.double_angle])
+    mean = basis @ np.linalg.lstsq(basis, response.normal, rcond=None)[0]
+    everything = np.ones(len(response.force), bool)
+    all_ratio, _ = _tangential(response, everything)
+    weak = response.force < WEAK_FORCE
+    if np.count_nonzero(weak) < FEWEST_WEAK:
+        return np.array([np.nan, np.nan, np.nan, all_ratio / stress_ratio, np.nan])
+    ratio, scatter = _ratio_at_zero(response.normal, mean, response.force)
+    amplitude = abs(ratio) * np.sqrt(2.0 * np.mean(mean[weak] ** 2))
+    weak_ratio, weak_scatter = _tangential(response, weak)
+    return np.array(
+        [
+            ratio, scatter / amplitude, scatter / strain_unit, all_ratio / stress_ratio,
+            np.hypot(weak_ratio, weak_scatter) / stress_ratio,
+        ]
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _ShearProbe:
+    """Response in a shear probe, with the unit of its strain and its stress ratio."""
+
+    response: _Response
+    strain_unit: float
+    stress_ratio: float
+
+
+def _shear_probe(sample: Sample, probe: Probe) -> _ShearProbe:
+    kn, radius = sample.normal_stiffness, 0.5 * sample.mean_diameter
+    strain = np.hypot(probe.strain_change[0] - probe.strain_change[1], 2.0 * probe.strain_change[2])
+    unit = strain * kn * radius / force_harmonics(probe.before).mean
+    p, stress = stress_invariants(love_weber_stress(sample))[0], probe.stress_change
+    stress_ratio = float(np.hypot(0.5 * (stress[0] - stress[1]), stress[2]) / p)
+    return _ShearProbe(_response(probe.before, probe.after), unit, stress_ratio)
+
+
 def measure_weak_contacts(sample: Sample, isotropic: list[Probe], shear: list[Probe]) -> WeakContacts:
     """Response of weak contacts in elastic probes of the sample.
 
@@ -87,45 +142,51 @@ def measure_weak_contacts(sample: Sample, isotropic: list[Probe], shear: list[Pr
     a contact's change to that mean grows with its force; a straight line in the force over the contacts below
     `WEAK_FORCE` gives its limit at zero force.
     """
-    rows, rows_isotropic = [], []
-    for probe in isotropic:
-        response = _response(probe.before, probe.after)
-        mean = np.full(len(response.normal), response.normal.mean())
-        ratio, scatter = _ratio_at_zero(response.normal, mean, response.force)
-        rows_isotropic.append((ratio, scatter / abs(ratio * mean[0])))
-    kn, radius = sample.normal_stiffness, 0.5 * sample.mean_diameter
-    for probe in shear:
-        response = _response(probe.before, probe.after)
-        basis = np.column_stack([np.ones(len(response.normal)), response.double_angle])
-        mean = basis @ np.linalg.lstsq(basis, response.normal, rcond=None)[0]
-        ratio, scatter = _ratio_at_zero(response.normal, mean, response.force)
-        amplitude = abs(ratio) * np.sqrt(2.0 * np.mean(mean[response.force < WEAK_FORCE] ** 2))
-        strain = np.hypot(probe.strain_change[0] - probe.strain_change[1], 2.0 * probe.strain_change[2])
-        unit = strain * kn * radius / force_harmonics(probe.before).mean
-        p, stress = stress_invariants(love_weber_stress(sample))[0], probe.stress_change
-        stress_ratio = float(np.hypot(0.5 * (stress[0] - stress[1]), stress[2]) / p)
-        everything = np.ones(len(response.force), bool)
-        all_ratio, _ = _tangential(response, everything)
-        weak_ratio, weak_scatter = _tangential(response, response.force < WEAK_FORCE)
-        rows.append(
-            (
-                ratio,
-                scatter / amplitude,
-                scatter / unit,
-                all_ratio / stress_ratio,
-                np.hypot(weak_ratio, weak_scatter) / stress_ratio,
-            )
-        )
-    ratio, scatter, fluctuation, tangential, tangential_response = (float(value) for value in np.mean(rows, axis=0))
-    ratio_isotropic, scatter_isotropic = (float(value) for value in np.mean(rows_isotropic, axis=0))
+    probes = [_shear_probe(sample, probe) for probe in shear]
+    rows = [_shear_row(probe.response, probe.strain_unit, probe.stress_ratio) for probe in probes]
+    rows_isotropic = [_isotropic_row(_response(probe.before, probe.after)) for probe in isotropic]
+    return _weak_contacts(np.mean(rows, axis=0), np.mean(rows_isotropic, axis=0))
+
+
+def weak_contact_errors(sample: Sample, isotropic: list[Probe], shear: list[Probe]) -> WeakContacts:
+    """Standard errors of `measure_weak_contacts`, from blocks of the packing."""
+    probes = [_shear_probe(sample, probe) for probe in shear]
+    blocks = [_blocks(sample, probe) for probe in shear]
+    responses = [_response(probe.before, probe.after) for probe in isotropic]
+    blocks_isotropic = [_blocks(sample, probe) for probe in isotropic]
+
+    def rows(without: int) -> Array:
+        kept = [
+            _shear_row(probe.response.subset(block != without), probe.strain_unit, probe.stress_ratio)
+            for probe, block in zip(probes, blocks)
+        ]
+        kept_isotropic = [
+            _isotropic_row(response.subset(block != without)) for response, block in zip(responses, blocks_isotropic)
+        ]
+        return np.concatenate([np.mean(kept, axis=0), np.mean(kept_isotropic, axis=0)])
+
+    errors = jackknife(rows)
+    return _weak_contacts(errors[:5], errors[5:])
+
+
+def _weak_contacts(shear: Array, isotropic: Array) -> WeakContacts:
+    ratio, scatter, fluctuation, tangential, tangential_response = (float(value) for value in shear)
     return WeakContacts(
-        ratio, ratio_isotropic, scatter, scatter_isotropic, fluctuation, tangential, tangential_response
+        ratio, float(isotropic[0]), scatter, float(isotropic[1]), fluctuation, tangential, tangential_response
     )
+
+
+def _blocks(sample: Sample, probe: Probe) -> NDArray[np.int64]:
+    """Block of each contact that a probe keeps."""
+    kept = match_contacts(probe.before, probe.after).persisting_before
+    return blocks_of_contacts(sample, probe.before)[kept]
 
 
 def _ratio_at_zero(change: Array, mean: Array, force: Array) -> tuple[float, float]:
     """Ratio change/mean in the limit of zero force, and the standard deviation about the line."""
     weak = force < WEAK_FORCE
+    if np.count_nonzero(weak) < FEWEST_WEAK:
+        return float("nan"), float("nan")
     m = mean[weak]
     basis = np.column_stack([m, m * force[weak]])
     coefficients = np.linalg.lstsq(basis, change[weak], rcond=None)[0]
@@ -160,26 +221,88 @@ class SlipLoop:
     irreversible_scatter: float
 
 
+@dataclass(frozen=True)
+class _Loop:
+    """Contacts at the top of a loop along an axis, and what it left of changes in those of the start."""
+
+    axis: Array
+    top: Contacts
+    left: _Response
+    top_blocks: NDArray[np.int64]
+    left_blocks: NDArray[np.int64]
+
+
+def _loops(rest: Sample, stress_ratio: float, angles: tuple[float, ...]) -> list[_Loop]:
+    start = contacts_of(rest)
+    p = stress_invariants(love_weber_stress(rest))[0]
+    made = []
+    for angle in angles:
+        up = stress_probe(rest, 0.0, stress_ratio * p, angle, limits=ELASTIC_LIMITS)
+        down = stress_probe(up.sample, 0.0, -stress_ratio * p, angle, limits=ELASTIC_LIMITS)
+        top, end = contacts_of(up.sample), contacts_of(down.sample)
+        made.append(
+            _Loop(
+                np.array([np.cos(2.0 * angle), np.sin(2.0 * angle)]), top, _response(start, end),
+                blocks_of_contacts(up.sample, top),
+                blocks_of_contacts(rest, start)[match_contacts(start, end).persisting_before],
+            )
+        )  # fmt: skip
+    return made
+
+
+def _loop_row(start: Contacts, top: Contacts, left: _Response, axis: Array, stress_ratio: float) -> Array:
+    """c_n, k and c_i of one loop."""
+    harmonics = force_harmonics(top).normal - force_harmonics(start).normal
+    along = left.double_angle @ axis
+    across = left.double_angle[:, 1] * axis[0] - left.double_angle[:, 0] * axis[1]
+    tangential = -float(left.tangential @ across / (across @ across))
+    weak = (left.force > SCATTER_FORCES[0]) & (left.force < SCATTER_FORCES[1])
+    basis = np.column_stack([np.ones(len(along)), along])[weak]
+    change = left.normal[weak]
+    scatter = float("nan")
+    if len(change) >= FEWEST_WEAK:
+        scatter = float(np.std(change - basis @ np.linalg.lstsq(basis, change, rcond=None)[0]))
+    return np.array([harmonics @ axis / stress_ratio, -2.0 * tangential / stress_ratio**2, scatter / stress_ratio**2])
+
+
 def measure_slip(sample: Sample, stress_ratio: float = LOOP_STRESS_RATIO) -> SlipLoop:
     """Load the sample at constant p to `stress_ratio` and back, along two axes; it is not changed."""
     rest = settled(sample)
     start = contacts_of(rest)
-    p = stress_invariants(love_weber_stress(rest))[0]
-    rows = []
-    for angle in ANGLES:
-        up = stress_probe(rest, 0.0, stress_ratio * p, angle, limits=ELASTIC_LIMITS)
-        down = stress_probe(up.sample, 0.0, -stress_ratio * p, angle, limits=ELASTIC_LIMITS)
-        axis = np.array([np.cos(2.0 * angle), np.sin(2.0 * angle)])
-        harmonics = force_harmonics(contacts_of(up.sample)).normal - force_harmonics(start).normal
-        left = _response(start, contacts_of(down.sample))
-        along = left.double_angle @ axis
-        across = left.double_angle[:, 1] * axis[0] - left.double_angle[:, 0] * axis[1]
-        tangential = -float(left.tangential @ across / (across @ across))
-        weak = (left.force > SCATTER_FORCES[0]) & (left.force < SCATTER_FORCES[1])
-        basis = np.column_stack([np.ones(len(along)), along])[weak]
-        change = left.normal[weak]
-        scatter = float(np.std(change - basis @ np.linalg.lstsq(basis, change, rcond=None)[0]))
-        rows.append(
-            (harmonics @ axis / stress_ratio, -2.0 * tangential / stress_ratio**2, scatter / stress_ratio**2)
-        )
+    loops = _loops(rest, stress_ratio, ANGLES)
+    rows = [_loop_row(start, loop.top, loop.left, loop.axis, stress_ratio) for loop in loops]
     return SlipLoop(*(float(value) for value in np.mean(rows, axis=0)))
+
+
+def measure_slip_with_errors(sample: Sample, stress_ratio: float = LOOP_STRESS_RATIO) -> tuple[SlipLoop, SlipLoop]:
+    """`measure_slip` and its standard errors.
+
+    The larger of two: from blocks of the packing, and from the scatter over both axes and both signs (the latter only
+    if the sample carries loops of the other sign too).
+    """
+    rest = settled(sample)
+    start = contacts_of(rest)
+    blocks = blocks_of_contacts(rest, start)
+    loops = _loops(rest, stress_ratio, ANGLES)
+    rows = [_loop_row(start, loop.top, loop.left, loop.axis, stress_ratio) for loop in loops]
+
+    def without(block: int) -> Array:
+        kept = start.subset(blocks != block)
+        return np.mean(
+            [
+                _loop_row(
+                    kept, loop.top.subset(loop.top_blocks != block), loop.left.subset(loop.left_blocks != block),
+                    loop.axis, stress_ratio,
+                )
+                for loop in loops
+            ],
+            axis=0,
+        )  # fmt: skip
+
+    errors = jackknife(without)
+    with suppress(ProbeError):
+        for loop in _loops(rest, stress_ratio, tuple(angle + 0.5 * np.pi for angle in ANGLES)):
+            rows.append(_loop_row(start, loop.top, loop.left, loop.axis, stress_ratio))
+        errors = np.fmax(errors, np.std(rows, axis=0, ddof=1) / np.sqrt(len(ANGLES)))
+    values = np.mean(rows[: len(ANGLES)], axis=0)
+    return SlipLoop(*(float(value) for value in values)), SlipLoop(*(float(value) for value in errors))

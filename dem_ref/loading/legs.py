@@ -108,10 +108,13 @@ def invariant_leg(p: float, q: float, angle: float, hold: bool = True) -> Leg:
     return Leg(COMPONENTS, (False, False, False), values, None, hold)
 
 
-def mixed_leg(control: Sequence[str], target: Sequence[float], hold: bool = True) -> Leg:
+def mixed_leg(
+    control: Sequence[str], target: Sequence[float], hold: bool = True, relative: bool = False
+) -> Leg:
     """Per component (xx, yy, xy) either ``"stress"`` or ``"strain"`` moved straight to its target.
 
-    `target` is tension positive, shear strain as engineering strain, strains absolute (not increments).
+    `target` is tension positive, shear strain as engineering strain; strains count from the packing and stresses from
+    zero, or both from the state at the start of the leg if `relative`.
     """
     if len(control) != 3 or any(c not in ("stress", "strain") for c in control):
         raise SampleError(f"control is {list(control)}, legal are three of 'stress', 'strain'")
@@ -123,6 +126,8 @@ def mixed_leg(control: Sequence[str], target: Sequence[float], hold: bool = True
 
     def values(s: float, stress: NDArray[np.float64], strain: NDArray[np.float64]) -> NDArray[np.float64]:
         start = np.where(strain_controlled, to_vector(strain), to_vector(stress))
+        if relative:
+            return start + s * end
         return (1 - s) * start + s * end
 
     return Leg(COMPONENTS, strain_controlled, values, None, hold)

@@ -36,6 +36,8 @@ class Segment:
     control, target
         mixed: ``"stress"``/``"strain"`` and targets per component xx, yy, xy (tension positive, engineering shear
         strain).
+    relative : bool
+        mixed: targets count from stress and strain at the start of the segment.
     """
 
     kind: str = "biaxial"
@@ -46,6 +48,7 @@ class Segment:
     angle: float = np.pi / 2
     control: tuple[str, str, str] = ("stress", "stress", "stress")
     target: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    relative: bool = False
 
     def leg(self, initial_pressure: float) -> Leg:
         """The leg that this segment describes."""
@@ -55,7 +58,7 @@ class Segment:
             p = self.pressure * initial_pressure
             return invariant_leg(p, (self.stress_ratio or 0.0) * p, self.angle)
         if self.kind == "mixed":
-            return mixed_leg(self.control, self.target)
+            return mixed_leg(self.control, self.target, relative=self.relative)
         raise SampleError(f"the kind of a segment is '{self.kind}', legal are {', '.join(KINDS)}")
 
 

@@ -36,10 +36,12 @@ from granfabric.dem_ref.sample.disks import (
     write_atomically,
 )
 
+from .endings import Ending, ending_text
+from .leg_state import LegState
 from .legs import stress_invariants
 from .path import Segment
 from .run_checks import damage
-from .servo import LegState, Loading, RateLimits
+from .servo import Loading, RateLimits
 
 HISTORY_COLUMNS = (
     "step", "strain_xx", "strain_yy", "strain_xy", "stress_xx", "stress_yy", "stress_xy", "p", "q", "coordination",
@@ -98,16 +100,18 @@ class DemRun:
     options : RunOptions
     threads : int
         1 or 2; does not change the result.
+    initial_pressure : float
+        Pa; that of the sample if not given. A run that is gone on with may have lost it.
 
     Attributes
     ----------
     finished : bool
         Nothing is left to do.
-    message : str
-        Why the run ended before its last segment; empty if it did not.
+    ending : Ending
+        Why the last segment begun was given up.
     """
 
-    def __init__(self, sample: Sample, options: RunOptions, threads: int = 1) -> None:
+    def __init__(self, sample: Sample, options: RunOptions, threads: int = 1, initial_pressure: float = 0.0) -> None:
         if not options.segments:
             raise SampleError("a run needs at least one segment")
         if not (options.record_stress_ratio > 0.0 and options.record_strain > 0.0):
@@ -121,16 +125,16 @@ class DemRun:
             threads=threads,
         )
         self.motion.stress[:] = love_weber_stress(self.motion.sample)
-        self.initial_pressure = stress_invariants(self.motion.stress)[0]
+        self.initial_pressure = initial_pressure or stress_invariants(self.motion.stress)[0]
         if self.initial_pressure <= 0.0:
             raise SampleError(f"the mean pressure is {self.initial_pressure:.4g} Pa, a run needs a compressed sample")
         self.segment = 0
         self.rows: list[list[float]] = []
         self.finished = False
-        self.message = ""
+        self.ending = Ending.ON_ITS_WAY
         self._gained, self._lost = 0.0, 0.0
         self._fabric = np.zeros((3, 2))  # gained, lost, persisting
-        self._initial_force = force_harmonics(contacts_of(sample)).mean
+        self._initial_force = max(force_harmonics(contacts_of(sample)).mean, 1e-300)
         self._reference: Contacts = contacts_of(sample)
         self._recorded_stress = self.motion.stress.copy()
         self._recorded_strain = sample.strain.copy()
@@ -143,6 +147,17 @@ class DemRun:
     def sample(self) -> Sample:
         """The sample as it is now."""
         return self.motion.sample
+
+    @property
+    def reason(self) -> str:
+        """Why the run ended before the end of its path, in words; empty if it did not."""
+        last = dict(zip(HISTORY_COLUMNS, self.rows[-1]))
+        return ending_text(self.ending, last["p"], self.initial_pressure, last["unbalanced_force"])
+
+    @property
+    def message(self) -> str:
+        """The reason with the segment that was given up."""
+        return f"segment {self.segment}: {self.reason}" if self.reason else ""
 
     @property
     def contacts(self) -> Contacts:
@@ -195,7 +210,7 @@ class DemRun:
                 self.save(checkpoint)
         if checkpoint is not None:
             self.save(checkpoint)
-        return self.finished and not self.message
+        return self.finished and self.ending == Ending.ON_ITS_WAY
 
     def advance(self) -> bool:
         """One chunk of steps; True when a record was written."""
@@ -203,7 +218,7 @@ class DemRun:
             return False
         if self._loading is None:
             leg = self.options.segments[self.segment].leg(self.initial_pressure)
-            self._loading = Loading(self.motion, leg, self.options.limits, self._leg_state)
+            self._loading = Loading(self.motion, leg, self.options.limits, self._leg_state, self.initial_pressure)
             self._leg_state = None
         loading = self._loading
         more = loading.advance()
@@ -212,9 +227,8 @@ class DemRun:
         if not more:
             self._loading = None
             self.segment += 1
-            self.finished = loading.exhausted or self.segment >= len(self.options.segments)
-            if loading.exhausted:
-                self.message = _gave_up(self.segment)
+            self.ending = loading.ending
+            self.finished = loading.given_up or self.segment >= len(self.options.segments)
         ds = self.motion.stress - self._recorded_stress
         de = self.sample.strain - self._recorded_strain
         moved_stress = max(abs(ds[0] - ds[1]) / 2, abs(ds[0] + ds[1]) / 2, abs(ds[2])) / self.initial_pressure
@@ -262,8 +276,8 @@ class DemRun:
             within = self._loading.state.progress
             segment = self.options.segments[self.segment]
             if segment.kind == "biaxial" and segment.stress_ratio:
-                _, q, _ = stress_invariants(self.motion.stress)
-                within = max(within, min(1.0, q / stress_invariants(self.motion.stress)[0] / abs(segment.stress_ratio)))
+                p, q, _ = stress_invariants(self.motion.stress)
+                within = max(within, min(1.0, q / max(p, 1e-300) / abs(segment.stress_ratio)))
         return min(1.0, (self.segment + within) / len(self.options.segments))
 
     def save(self, path: str | Path) -> None:
@@ -278,7 +292,7 @@ class DemRun:
                 [
                     [float(self.segment), float(self.finished), self._gained, self._lost, self._initial_force],
                     [self.initial_pressure, float(self.motion.steps_done)], self._fabric.ravel(),
-                    self._recorded_stress, self._recorded_strain, self._largest, [float(bool(self.message))],
+                    self._recorded_stress, self._recorded_strain, self._largest, [float(self.ending)],
                 ]
             ),
             "leg_state": np.zeros(0) if state is None else state.to_array(),
@@ -312,7 +326,7 @@ class DemRun:
         if reason:
             raise SampleError(f"{path}: {reason}")
         numbers, rows = arrays["run_numbers"], arrays["rows"]
-        run = DemRun(sample, options, threads)
+        run = DemRun(sample, options, threads, initial_pressure=float(numbers[5]))
         run.motion.stress[:] = arrays["motion_stress"]
         run.motion.measures[:] = arrays["motion_measures"]
         run.motion.tally[:] = arrays["motion_tally"]
@@ -323,7 +337,7 @@ class DemRun:
         run._fabric = numbers[7:13].reshape(3, 2).copy()
         run._recorded_stress, run._recorded_strain = numbers[13:16].copy(), numbers[16:19].copy()
         run._largest = numbers[19:21].copy()
-        run.message = _gave_up(run.segment) if numbers[21] else ""
+        run.ending = Ending(int(numbers[21]))
         names = ("first", "second", "image", "normal", "length", "normal_force", "tangential_force")
         parts = {name: arrays[f"contact_{name}"] for name in names}
         run._reference = Contacts(**parts, key=parts["first"] * sample.count + parts["second"])
@@ -332,15 +346,12 @@ class DemRun:
         return run
 
 
-def _gave_up(segment: int) -> str:
-    return f"segment {segment} asks for a stress that the sample cannot carry: it was given up at a large strain"
-
-
 def at_stress_ratios(
     history: dict[str, NDArray[np.float64]], levels: Sequence[float]
 ) -> dict[str, NDArray[np.float64]]:
     """Linear interpolation of every column where q/p first passes each level; NaN where it never does."""
-    ratio = history["q"] / history["p"]
+    with np.errstate(divide="ignore", invalid="ignore"):  # a sample may end without pressure
+        ratio = history["q"] / history["p"]
     out = {name: np.full(len(levels), np.nan) for name in history}
     for k, level in enumerate(levels):
         above = np.flatnonzero(ratio >= level)

@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .endings import Ending
+from .leg_state import LEG_NUMBERS
+
 _NUMBER_ARRAYS: dict[str, tuple[int, ...]] = {
-    "run_numbers": (22,), "leg_state": (17,), "motion_stress": (3,), "motion_measures": (8,), "motion_tally": (3,)
+    "run_numbers": (22,), "leg_state": (LEG_NUMBERS,), "motion_stress": (3,), "motion_measures": (8,),
+    "motion_tally": (3,),
 }  # fmt: skip
 
 
@@ -31,6 +35,8 @@ def damage(arrays: dict[str, NDArray], count: int, segments: int, columns: int) 
         return "array 'rows' is empty"
     if not (0 <= arrays["run_numbers"][0] <= segments and abs(arrays["run_numbers"][6]) < 2**53):
         return "it names a segment that the run does not have"
+    if arrays["run_numbers"][21] not in list(Ending):
+        return "it ended in a way that there is not"
     first, second = arrays["contact_first"], arrays["contact_second"]
     if contacts and not (first.min() >= 0 and (first < second).all() and second.max() < count):
         return "its contacts are not between its disks"

@@ -2,22 +2,29 @@
 
 Quasi-static by measure: the progress along a leg is slowed down or speeded up so that the inertial number and the
 unbalanced force stay at or below their limits; both are recorded.
+
+Every leg ends. Where it cannot be followed to its end, `Loading.ending` says why: the sample flows under a stress that
+it cannot carry, its pressure is gone (rates scale with the pressure, so that the loading would slow down for ever, and
+disks without contacts are in perfect balance), or nothing moves any more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.dem_ref.arrays import is_whole, is_within
 from granfabric.dem_ref.dynamics.motion import Control, Motion
 from granfabric.dem_ref.dynamics.stepping import CONTACTS
 from granfabric.dem_ref.measures.contacts import love_weber_stress
 from granfabric.dem_ref.sample.disks import SampleError
 
+from .endings import Ending
+from .leg_state import LegState
 from .legs import ISOTROPIC, ROOT2, Leg, from_vector, to_vector
 
 
@@ -53,7 +60,7 @@ class RateLimits:
         }  # fmt: skip
         for name, (low, high) in bounds.items():
             value = getattr(self, name)
-            if not low <= value <= high:
+            if not is_within(value, low, high) or (name == "chunk" and not is_whole(value)):
                 raise SampleError(f"rate limit {name} is {value}, legal are {low:g} to {high:g}")
 
 
@@ -67,68 +74,93 @@ def elastic_estimate(motion: Motion) -> NDArray[np.float64]:
     return 2.0 * bulk * np.outer(ISOTROPIC, ISOTROPIC) + 2.0 * shear * (np.eye(3) - np.outer(ISOTROPIC, ISOTROPIC))
 
 
-@dataclass
-class LegState:
-    """Where a loading is within its leg; with the sample all that is needed to go on.
-
-    `softening` is what the stress-controlled directions were found to need in strain beyond the elastic estimate, per
-    strain asked for; it is learnt on the way, so that a softening sample does not lag behind its path.
-    """
-
-    progress: float = 0.0
-    pace: float = 0.0
-    settled: float = 0.0
-    start_stress: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    start_strain: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    target: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    softening: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    inertial_number: float = 0.0
-    unbalanced_force: float = 0.0
-
-    def to_array(self) -> NDArray[np.float64]:
-        """All numbers in one array, for a checkpoint."""
-        head = [self.progress, self.pace, self.settled, self.inertial_number, self.unbalanced_force]
-        return np.concatenate([head, self.start_stress, self.start_strain, self.target, self.softening])
-
-    @staticmethod
-    def from_array(a: NDArray[np.float64]) -> LegState:
-        """Inverse of `to_array`."""
-        if a.shape != (17,):
-            raise SampleError(f"a stored state of a leg has 17 numbers, not {a.shape}")
-        progress, pace, settled, inertial_number, unbalanced = (float(v) for v in a[:5])
-        vectors = (a[5:8].copy(), a[8:11].copy(), a[11:14].copy(), a[14:17].copy())
-        return LegState(progress, pace, settled, *vectors, inertial_number, unbalanced)
-
-
 GROWTH, CUT = 1.25, 0.5
 SETTLED_CHUNKS = 5.0
 LEARNING, LARGEST_SOFTENING = 0.2, 20.0
+CALM_ERROR, CALM_FORCE = 2e-4, 0.2
+"""At rest at the end of a leg: error of the stress over p, unbalanced force over its limit."""
+SLOWEST_PACE = 1e-100
+"""Of the rate that the inertial number allows; below, a pace could not grow again for want of digits."""
+
+LOST_PRESSURE = 1e-3
+"""Share of the reference pressure below which a sample has lost it."""
+SMALLEST_PRESSURE = 1e-6
+"""The same where stress is prescribed in every direction and the path itself goes that low."""
+DILATION = 3.0
+"""Strain that directions under stress may take for each unit of the strain prescribed in the others, over all."""
 
 
 class Loading:
-    """Moves a sample along one leg, chunk by chunk."""
+    """Moves a sample along one leg, chunk by chunk.
+
+    Parameters
+    ----------
+    motion : Motion
+    leg : Leg
+    limits : RateLimits, optional
+    state : LegState, optional
+        To go on from; at the start of the leg if not given.
+    reference_pressure : float, optional
+        Pa; the pressure that counts as lost at a thousandth of it. That at the start of the leg if not given.
+
+    Attributes
+    ----------
+    ending : Ending
+        Why the leg was given up before its end, once `advance` has returned False.
+    """
 
     def __init__(
-        self, motion: Motion, leg: Leg, limits: RateLimits | None = None, state: LegState | None = None
+        self,
+        motion: Motion,
+        leg: Leg,
+        limits: RateLimits | None = None,
+        state: LegState | None = None,
+        reference_pressure: float | None = None,
     ) -> None:
         self.motion = motion
         self.leg = leg
         self.limits = limits or RateLimits()
         self.limits.check()
-        self.exhausted = False
+        self.ending = Ending.ON_ITS_WAY
         if not np.any(motion.stress):
             measure_stress(motion)
         if state is None:
             state = LegState(start_stress=motion.stress.copy(), start_strain=motion.sample.strain.copy())
             state.target = self._values(0.0, state)
+            state.seen_strain = state.start_strain.copy()
         self.state = state
+        reference = mean_pressure(state.start_stress) if reference_pressure is None else reference_pressure
+        if not reference > 0.0:
+            raise SampleError(f"the mean pressure is {reference:.4g} Pa, a loading needs a compressed sample")
+        self.reference_pressure = reference
+
+    @property
+    def given_up(self) -> bool:
+        """Whether the leg ended before its end."""
+        return self.ending != Ending.ON_ITS_WAY
 
     def _values(self, progress: float, state: LegState) -> NDArray[np.float64]:
         return np.asarray(self.leg.values(progress, state.start_stress, state.start_strain), dtype=np.float64)
 
     def _pressure(self) -> float:
-        stress = self.motion.stress
-        return max(-0.5 * (stress[0] + stress[1]), 1e-12 * self.motion.sample.normal_stiffness)
+        return max(mean_pressure(self.motion.stress), 1e-12 * self.motion.sample.normal_stiffness)
+
+    def _has_lost_its_pressure(self) -> bool:
+        least = LOST_PRESSURE * self.reference_pressure
+        if not any(self.leg.strain_controlled):
+            asked = mean_pressure(from_vector(np.asarray(self.leg.directions).T @ self.state.target))
+            least = max(min(least, 0.5 * asked), SMALLEST_PRESSURE * self.reference_pressure)
+        return mean_pressure(self.motion.stress) < least
+
+    def _flows(self, directions: NDArray[np.float64], free: NDArray[np.bool_]) -> bool:
+        """Whether directions under stress have gone so far that the sample does not carry what is asked for."""
+        strain = self.motion.sample.strain - self.state.start_strain
+        if free.all():
+            return bool(np.abs(strain).max() > self.leg.largest_strain)
+        moved = directions @ to_vector(strain)
+        return float(np.linalg.norm(moved[free])) > self.leg.largest_strain + DILATION * float(
+            np.linalg.norm(moved[~free])
+        )
 
     def _strain_of(self, change: NDArray[np.float64], compliance: NDArray[np.float64]) -> float:
         """Size sqrt(2 e:e) of the strain that a change of the prescribed values asks for."""
@@ -145,7 +177,8 @@ class Loading:
         q = np.asarray(leg.directions, dtype=np.float64)
         controlled = np.asarray(leg.strain_controlled, dtype=bool)
         free = ~controlled
-        stiffness = q @ elastic_estimate(motion) @ q.T
+        elastic = elastic_estimate(motion)
+        stiffness = q @ elastic @ q.T
         pressure = self._pressure()
         compliance = np.zeros((3, 3))
         if free.any():
@@ -195,34 +228,47 @@ class Loading:
             state.unbalanced_force / limits.unbalanced_force, state.inertial_number / limits.inertial_number, 1e-3
         )
         # aim at 0.8 of the limit; grow gently, cut at once
-        state.pace = min(unit_rate, state.pace * min(GROWTH, max(CUT, 0.8 / worst)))
+        state.pace = min(unit_rate, max(state.pace * min(GROWTH, max(CUT, 0.8 / worst)), SLOWEST_PACE * unit_rate))
+        if self._has_lost_its_pressure():
+            self.ending = Ending.LOST_PRESSURE
+            return False
         if leg.stop is not None and leg.stop(motion.stress, motion.sample.strain):
             return False
-        if free.all() and np.abs(motion.sample.strain - state.start_strain).max() > leg.largest_strain:
-            self.exhausted = True
+        if free.any() and self._flows(q, free):
+            self.ending = Ending.TOO_STRONG
             return False
-        if state.progress < 1.0:
-            return True
-        if not leg.hold:
+        if state.progress >= 1.0 and not leg.hold:
             return False
         now = q @ to_vector(motion.stress)
         error = float(np.linalg.norm((goal - now)[free])) if free.any() else 0.0
-        calm = error < 2e-4 * pressure and state.unbalanced_force < 0.2 * limits.unbalanced_force
-        state.settled = state.settled + 1.0 if calm else 0.0
-        return state.settled < SETTLED_CHUNKS
+        if state.progress >= 1.0:
+            calm = error < CALM_ERROR * pressure and state.unbalanced_force < CALM_FORCE * limits.unbalanced_force
+            state.settled = state.settled + 1.0 if calm else 0.0
+            if state.settled >= SETTLED_CHUNKS:
+                return False
+        unrest = max(error / (CALM_ERROR * pressure), state.unbalanced_force / (CALM_FORCE * limits.unbalanced_force))
+        if state.stands_still(motion.sample.strain, unrest, 4.0 * pressure / float(np.sum(elastic[:2, :2]))):
+            self.ending = Ending.STOOD_STILL
+            return False
+        return True
 
     def run(self, steps: int = 10_000_000, observe: Callable[[Loading], bool | None] | None = None) -> bool:
         """Advance to the end of the leg, or until `observe` returns True.
 
-        Returns False when the steps were not enough or the sample could not carry the stress (`exhausted`).
+        Returns False when the steps were not enough or the leg was given up (`ending` says why).
         """
         last = self.motion.steps_done + steps
         while self.motion.steps_done < last:
             if not self.advance():
-                return not self.exhausted
+                return not self.given_up
             if observe is not None and observe(self):
                 return True
         return False
+
+
+def mean_pressure(stress: NDArray[np.float64]) -> float:
+    """Compression positive p of a stress (xx, yy, xy), tension positive; Pa."""
+    return float(-0.5 * (stress[0] + stress[1]))
 
 
 def measure_stress(motion: Motion) -> NDArray[np.float64]:

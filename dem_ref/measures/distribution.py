@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .contacts import Contacts
+from .uncertainty import jackknife
 
 FORCE_WINDOW = 0.5
 
@@ -56,6 +57,31 @@ def edge_density(data: NDArray[np.float64], window: float) -> EdgeFit:
     slope = np.where(inside, 12.0 * data / window**3 - 6.0 / window**2, 0.0)
     root = np.sqrt(n)
     return EdgeFit(float(value.mean()), float(slope.mean()), float(value.std() / root), float(slope.std() / root))
+
+
+def edge_value_error(data: NDArray[np.float64], block: NDArray[np.int64], window: float) -> float:
+    """Standard error of the value of `edge_density` of data over their mean, where neighbours go together.
+
+    Parameters
+    ----------
+    data : (n,)
+    block : (n,)
+        Block of the packing in which each lies.
+    window : float
+        In units of the mean.
+
+    Returns
+    -------
+    float
+        From leaving out blocks, mean included; at least that of independent data with one more in the window.
+    """
+
+    def without(number: int) -> float:
+        kept = data[block != number]
+        return edge_density(kept / kept.mean(), window).value
+
+    inside = np.count_nonzero(data < window * data.mean())
+    return float(np.fmax(jackknife(without), 2.0 / window * np.sqrt(inside + 1.0) / len(data)))
 
 
 def histogram(data: NDArray[np.float64], edges: NDArray[np.float64]) -> Density:

@@ -16,6 +16,7 @@ from granfabric.dem_ref.sample.disks import Sample, SampleError
 from granfabric.dem_ref.sample.neighbours import cell_heights
 
 from .distribution import Density, EdgeFit, edge_density, histogram
+from .uncertainty import blocks_of, jackknife
 
 GAP_WINDOW = 0.1
 
@@ -43,14 +44,24 @@ class RadicalNeighbours:
     mean_number: float
 
 
-def radical_neighbours(sample: Sample) -> RadicalNeighbours:
-    """Neighbours of every disk in the radical tessellation of the periodic packing.
+@dataclass(frozen=True)
+class _Triangulation:
+    """Regular triangulation of the cell with images around it, in mean diameters.
 
-    Raises
-    ------
-    SampleError
-        If the packing is so loose or small that the images around the cell do not close the tessellation.
+    `base` and `image` say which disk, in which image of the cell, a point is; `wrap` how far its disk lies from the
+    cell in the sample.
     """
+
+    triangles: NDArray[np.int64]
+    point: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    base: NDArray[np.int64]
+    image: NDArray[np.int64]
+    cell: NDArray[np.float64]
+    wrap: NDArray[np.int64]
+
+
+def _triangulation(sample: Sample) -> _Triangulation:
     n = sample.count
     scale = sample.mean_diameter
     cell = sample.cell / scale
@@ -78,8 +89,22 @@ def radical_neighbours(sample: Sample) -> RadicalNeighbours:
     radius = sample.radius[base] / scale
     hull = ConvexHull(np.column_stack([point, np.sum(point**2, axis=1) - radius**2]))
     triangles = hull.simplices[hull.equations[:, 2] < 0.0].astype(np.int64)
+    return _Triangulation(triangles, point, radius, base, image, cell, wrap)
+
+
+def radical_neighbours(sample: Sample) -> RadicalNeighbours:
+    """Neighbours of every disk in the radical tessellation of the periodic packing.
+
+    Raises
+    ------
+    SampleError
+        If the packing is so loose or small that the images around the cell do not close the tessellation.
+    """
+    n = sample.count
+    made = _triangulation(sample)
+    base, image, wrap = made.base, made.image, made.wrap
     own = np.all(image == 0, axis=1)
-    triangles = triangles[own[triangles].any(axis=1)]
+    triangles = made.triangles[own[made.triangles].any(axis=1)]
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     edges = edges[own[edges].any(axis=1)]
     i, j = base[edges[:, 0]], base[edges[:, 1]]
@@ -143,3 +168,32 @@ def gap_distribution(
     return GapDistribution(
         histogram(xi, edges), edge_density(xi, window), exponent, window, mean_density, pairs.mean_number
     )
+
+
+def gap_density_error(sample: Sample, neighbours: RadicalNeighbours, window: float) -> float:
+    """Standard error of `GapDistribution.mean_density`: of blocks of the packing, or of a count of one gap more."""
+    apart = neighbours.gap > 0.0
+    small = neighbours.gap[apart] / sample.mean_diameter < window
+    block = blocks_of(sample.position, sample.cell)[neighbours.first[apart]]
+    counted = float(np.sqrt(np.count_nonzero(small) + 1.0)) / (window * max(len(small), 1))
+    return float(np.fmax(jackknife(lambda without: small[block != without].mean() / window), counted))
+
+
+def solid_fraction_error(sample: Sample) -> float:
+    """Standard error of the solid fraction, from blocks of the triangles between neighbours.
+
+    A triangle holds a sector of the disk at each of its corners, and all triangles together hold all of every disk.
+    """
+    made = _triangulation(sample)
+    corners = made.point[made.triangles]
+    centre = corners.mean(axis=1) @ np.linalg.inv(made.cell) + 0.5
+    own = np.all((centre >= 0.0) & (centre < 1.0), axis=1)
+    corners, radius = corners[own], made.radius[made.triangles[own]]
+    area, solid = np.zeros(len(corners)), np.zeros(len(corners))
+    for k in range(3):
+        one, other = corners[:, (k + 1) % 3] - corners[:, k], corners[:, (k + 2) % 3] - corners[:, k]
+        across = np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+        solid += 0.5 * radius[:, k] ** 2 * np.arctan2(across, np.sum(one * other, axis=1))
+        area = 0.5 * across
+    block = blocks_of(corners.mean(axis=1) + 0.5 * made.cell.sum(axis=0), made.cell)
+    return float(jackknife(lambda without: solid[block != without].sum() / area[block != without].sum()))

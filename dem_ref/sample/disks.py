@@ -13,15 +13,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.dem_ref.arrays import SampleError as SampleError
+from granfabric.dem_ref.arrays import disks, is_number, is_within, numbers, whole
+
 from .checks import unlikely
 from .neighbours import CellTooSmallError, NearPairs, find_near_pairs
 from .stored_arrays import StoredArrayError, read_stored_arrays
 
 FORMAT = 1
-
-
-class SampleError(ValueError):
-    """A sample or a stored sample that cannot be used; the message says why."""
+SMALLEST, LARGEST = 1e-300, 1e300
+"""Of what has to be positive, and finite."""
 
 
 @dataclass
@@ -53,6 +54,12 @@ class Sample:
         Near pairs with their tangential elongation.
     seed : int
         Seed that made the packing (for the record), -1 when unknown.
+
+    Raises
+    ------
+    SampleError
+        If an array has another shape or kind, or a pair names a disk that does not exist. Arrays of other numbers,
+        read-only or strided ones are copied.
     """
 
     position: NDArray[np.float64]
@@ -67,6 +74,33 @@ class Sample:
     strain_rate: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     strain: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     seed: int = -1
+
+    def __post_init__(self) -> None:
+        self.bring_into_form()
+
+    def bring_into_form(self) -> None:
+        """Check every array, as the compiled kernels need it; one of another kind is replaced by a copy.
+
+        Raises
+        ------
+        SampleError
+        """
+        self.position, self.radius = disks(self.position, self.radius)
+        n = len(self.radius)
+        self.cell = numbers("cell", self.cell, (2, 2))
+        self.velocity = numbers("velocity", self.velocity, (n, 2))
+        self.spin = numbers("spin", self.spin, (n,))
+        self.strain_rate = numbers("strain_rate", self.strain_rate, (3,))
+        self.strain = numbers("strain", self.strain, (3,))
+        for name in ("normal_stiffness", "stiffness_ratio", "friction"):
+            value = getattr(self, name)
+            if type(value) is not float:
+                if not is_number(value):
+                    raise SampleError(f"{name} is {value}, not a number")
+                setattr(self, name, float(value))
+        if not isinstance(self.pairs, NearPairs):
+            raise SampleError(f"pairs is {self.pairs!r}, not a list of near pairs")
+        self.pairs.bring_into_form(n)
 
     @property
     def count(self) -> int:
@@ -107,8 +141,7 @@ class Sample:
 
     def with_friction(self, friction: float) -> Sample:
         """A copy at rest with another friction coefficient and no tangential forces."""
-        if not (np.isfinite(friction) and friction >= 0.0):
-            raise SampleError(f"friction is {friction}, legal are finite values >= 0")
+        _check_stiffness(self.normal_stiffness, self.stiffness_ratio, friction)
         other = self.copy()
         other.friction = float(friction)
         other.pairs.tangential[:] = 0.0
@@ -119,6 +152,8 @@ class Sample:
 
     def rotated(self, angle: float) -> Sample:
         """A copy turned by `angle` (radians, counter-clockwise), cell and motion included."""
+        if not is_within(angle, -LARGEST, LARGEST):
+            raise SampleError(f"angle is {angle}, legal are finite values")
         c, s = np.cos(angle), np.sin(angle)
         turn = np.array([[c, s], [-s, c]])  # acts on rows from the right
         other = self.copy()
@@ -151,9 +186,10 @@ def new_sample(
     CellTooSmallError
         If the cell is below three interaction distances.
     """
-    position = np.array(position, dtype=np.float64)
-    radius = np.array(radius, dtype=np.float64)
-    cell = np.array(cell, dtype=np.float64)
+    position = numbers("position", position).copy()
+    radius = numbers("radius", radius).copy()
+    cell = numbers("cell", cell).copy()
+    seed = whole("seed", seed, -1, 2**63 - 1)
     _check_disks(position, radius, cell)
     _check_stiffness(normal_stiffness, stiffness_ratio, friction)
     n = len(radius)
@@ -178,11 +214,11 @@ def _check_disks(position: NDArray, radius: NDArray, cell: NDArray) -> None:
 
 
 def _check_stiffness(normal_stiffness: float, stiffness_ratio: float, friction: float) -> None:
-    if not (np.isfinite(normal_stiffness) and normal_stiffness > 0.0):
+    if not is_within(normal_stiffness, SMALLEST, LARGEST):
         raise SampleError(f"normal_stiffness is {normal_stiffness}, legal are finite values > 0")
-    if not 0.0 < stiffness_ratio <= 1.0:
+    if not is_within(stiffness_ratio, SMALLEST, 1.0):
         raise SampleError(f"stiffness_ratio is {stiffness_ratio}, legal are 0 < kt/kn <= 1")
-    if not (np.isfinite(friction) and friction >= 0.0):
+    if not is_within(friction, 0.0, LARGEST):
         raise SampleError(f"friction is {friction}, legal are finite values >= 0")
 
 

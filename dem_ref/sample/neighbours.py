@@ -13,7 +13,11 @@ from math import floor, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.dem_ref.arrays import SampleError, disks, finite, images, indices, is_within, numbers
 from granfabric.dem_ref.compilation import compiled
+
+FARTHEST = 120
+"""Most cells between two disks: an image is stored in eight bits."""
 
 
 class CellTooSmallError(ValueError):
@@ -38,6 +42,24 @@ class NearPairs:
     second: NDArray[np.uint32]
     image: NDArray[np.int8]
     tangential: NDArray[np.float64]
+
+    def bring_into_form(self, count: int) -> None:
+        """Check the arrays as the compiled kernels need them; one of another kind is replaced by a copy.
+
+        Parameters
+        ----------
+        count : int
+            Number of disks.
+
+        Raises
+        ------
+        SampleError
+        """
+        length = np.size(self.first)
+        self.first = indices("first", self.first, np.uint32, length, count)
+        self.second = indices("second", self.second, np.uint32, length, count)
+        self.image = images("image", self.image, length)
+        self.tangential = numbers("tangential", self.tangential, (length,))
 
 
 @compiled()
@@ -150,19 +172,38 @@ def find_near_pairs(
     ------
     CellTooSmallError
         If a cell height is below three interaction distances, so that an image would not be unique.
+    SampleError
+        If an array has another shape or kind, or values that no packing has.
     """
+    position, radius = disks(position, radius)
     n = len(radius)
+    position, radius = finite("position", position, (n, 2)), finite("radius", radius, (n,))
+    cell = finite("cell", cell, (2, 2))
+    if not n or not radius.min() > 0.0:
+        raise SampleError("a list of neighbours needs disks with positive radii")
+    if not is_within(skin, -1e300, 1e300):
+        raise SampleError(f"skin is {skin}, legal are finite values")
+    skin = float(skin)
     reach = 2.0 * float(radius.max()) + skin
-    heights = cell_heights(cell)
-    if min(heights) < 3.0 * reach:
+    with np.errstate(all="ignore"):
+        heights = cell_heights(cell)
+    if not (reach > 0.0 and min(heights) > 0.0):
+        raise SampleError("the cell's rows must be a right-handed pair, and disks must reach beyond their radii")
+    if not min(heights) >= 3.0 * reach:
         raise CellTooSmallError(
             f"the periodic cell is {min(heights):.4g} high, below three interaction distances ({3 * reach:.4g}): "
             "take more particles or a smaller skin"
         )
+    if np.abs(position).max() > 0.25 * FARTHEST * min(heights):
+        reduced = np.floor(position @ np.linalg.inv(cell))
+        if np.ptp(reduced, axis=0).max() > FARTHEST:
+            raise SampleError(f"disks lie more than {FARTHEST} cells apart; wrap them into the cell")
     limit = max(3, int(sqrt(4.0 * n)) + 3)  # no more bins than useful in a sparse cell
-    counts = np.array([min(int(h / reach), limit) for h in heights], np.int64)
+    counts = np.array([int(min(h / reach, limit)) for h in heights], np.int64)
     start = np.empty(counts[0] * counts[1] + 1, np.int64)
     ordered = np.empty(n, np.int64)
+    if previous is not None:
+        previous.bring_into_form(n)
     capacity = max(64, 4 * n if previous is None else int(1.2 * len(previous.first)) + 64)
     while True:
         first = np.empty(capacity, np.uint32)

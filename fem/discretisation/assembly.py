@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
+
+from granfabric.constitutive.arrays import index, keep_apart, read, written
+from granfabric.constitutive.threads import run_in_threads
 
 from .kernels import (
     element_action_kernel,
@@ -18,6 +23,22 @@ from .space import Space
 
 Array = NDArray[np.float64]
 
+FEWEST_ELEMENTS = 1024
+"""Elements for which a second thread pays."""
+
+
+class _Known:
+    """A space's arrays as the kernels may use them: checked once, the numbers of nodes out of anybody's reach."""
+
+    def __init__(self, space: Space) -> None:
+        nelem, nb = space.element_nodes.shape
+        self.points_per_cell = int(space.points_per_cell)
+        npt = nelem * self.points_per_cell
+        self.gradients = read("gradients", space.gradients, (npt, nb, 2))
+        self.weights = read("weights", space.weights, (npt,))
+        nodes = index("element_nodes", space.element_nodes.ravel(), nelem * nb, space.nnodes)
+        self.element_nodes = nodes.reshape(nelem, nb).copy()
+
 
 class ForceAssembler:
     """Strains and internal forces; no allocation per call.
@@ -25,18 +46,31 @@ class ForceAssembler:
     Parameters
     ----------
     space : Space
+
+    Raises
+    ------
+    ValueError
+        From the calls, if an array is of the wrong shape or kind, or one to be written shares memory with another.
     """
 
     def __init__(self, space: Space) -> None:
         self.space = space
-        nelem, nb = space.element_nodes.shape
+        self._known = _Known(space)
+        nelem, nb = self._known.element_nodes.shape
         self._local = np.empty((nelem, nb, 2))
         self._flat = self._local.reshape(-1, 2)
-        flat_nodes = space.element_nodes.ravel()
+        flat_nodes = self._known.element_nodes.ravel()
         self._source = np.argsort(flat_nodes, kind="stable").astype(np.int32)
         counts = np.bincount(flat_nodes, minlength=space.nnodes)
         self._start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
         self.magnitude = np.empty(space.ndofs)
+
+    def _outputs(self, out: Array, inputs: Sequence[tuple[str, Array, object]]) -> tuple[Array, Array]:
+        """Forces and magnitudes, checked."""
+        force = written("out", out, (self.space.ndofs,))
+        magnitude = written("magnitude", self.magnitude, (self.space.ndofs,))
+        keep_apart({"out": force, "magnitude": magnitude}, inputs)
+        return force, magnitude
 
     def strain(self, displacement: Array, out: Array) -> Array:
         """Strain at the points of nodal displacements.
@@ -48,8 +82,12 @@ class ForceAssembler:
         out : ndarray, shape (npt, 3)
             Receives xx, yy, engineering xy; tension positive.
         """
-        space = self.space
-        strain_kernel(space.gradients, space.element_nodes, space.points_per_cell, displacement, out)
+        space, known = self.space, self._known
+        moved = read("displacement", displacement, (space.ndofs,))
+        strain = written("out", out, (space.npoints, 3))
+        keep_apart({"out": strain}, [("displacement", moved, displacement)])
+        arguments = (known.gradients, known.element_nodes, known.points_per_cell, moved, strain)
+        run_in_threads(strain_kernel, space.nelements, arguments, FEWEST_ELEMENTS)
         return out
 
     def internal_force(self, stress: Array, out: Array) -> Array:
@@ -62,9 +100,12 @@ class ForceAssembler:
         out : ndarray, shape (ndofs,)
             Receives the forces that the stress exerts against the nodes [N/m].
         """
-        space = self.space
-        element_force_kernel(space.gradients, space.weights, space.points_per_cell, stress, self._local)
-        gather_force_kernel(self._start, self._source, self._flat, out, self.magnitude)
+        space, known = self.space, self._known
+        given = read("stress", stress, (space.npoints, 3))
+        force, magnitude = self._outputs(out, [("stress", given, stress)])
+        arguments = (known.gradients, known.weights, known.points_per_cell, given, self._local)
+        run_in_threads(element_force_kernel, space.nelements, arguments, FEWEST_ELEMENTS)
+        gather_force_kernel(self._start, self._source, self._flat, force, magnitude)
         return out
 
     def tangent_times(self, tangent: Array, displacement: Array, out: Array) -> Array:
@@ -77,17 +118,23 @@ class ForceAssembler:
         displacement : ndarray, shape (ndofs,)
         out : ndarray, shape (ndofs,)
         """
-        space = self.space
-        element_action_kernel(
-            space.gradients,
-            space.weights,
-            space.element_nodes,
-            space.points_per_cell,
-            tangent,
-            displacement,
+        space, known = self.space, self._known
+        stiffness = read("tangent", tangent, (space.npoints, 3, 3))
+        moved = read("displacement", displacement, (space.ndofs,))
+        force, magnitude = self._outputs(
+            out, [("tangent", stiffness, tangent), ("displacement", moved, displacement)]
+        )
+        arguments = (
+            known.gradients,
+            known.weights,
+            known.element_nodes,
+            known.points_per_cell,
+            stiffness,
+            moved,
             self._local,
         )
-        gather_force_kernel(self._start, self._source, self._flat, out, self.magnitude)
+        run_in_threads(element_action_kernel, space.nelements, arguments, FEWEST_ELEMENTS)
+        gather_force_kernel(self._start, self._source, self._flat, force, magnitude)
         return out
 
 
@@ -100,6 +147,11 @@ class TangentAssembler:
     free : ndarray of int
         Degrees of freedom that are rows and columns of the matrix, ascending.
 
+    Raises
+    ------
+    ValueError
+        If they do not ascend or are out of range; from the calls, if an array is of the wrong shape or kind.
+
     Attributes
     ----------
     matrix : scipy.sparse.csr_matrix, shape (nfree, nfree)
@@ -108,12 +160,18 @@ class TangentAssembler:
 
     def __init__(self, space: Space, free: NDArray[np.int64]) -> None:
         self.space = space
-        self.free = np.asarray(free, dtype=np.int64)
-        nfree = len(self.free)
-        nelem, nb = space.element_nodes.shape
+        self._known = _Known(space)
+        nfree = np.size(free)
+        self.free = index("free", free, nfree, space.ndofs).astype(np.int64)
+        if (np.diff(self.free) <= 0).any():
+            raise ValueError("free must be an array of integers that ascend, each degree of freedom once")
+        nelem, nb = self._known.element_nodes.shape
+        if nelem * (2 * nb) ** 2 >= 2**31:
+            raise ValueError(f"a mesh of {nelem} elements of {nb} nodes is too large for a matrix")
         number = np.full(space.ndofs, -1, dtype=np.int64)
         number[self.free] = np.arange(nfree)
-        dofs = np.stack([2 * space.element_nodes, 2 * space.element_nodes + 1], axis=2).reshape(nelem, 2 * nb)
+        nodes = self._known.element_nodes
+        dofs = np.stack([2 * nodes, 2 * nodes + 1], axis=2).reshape(nelem, 2 * nb)
         local = number[dofs]
         key = local[:, :, None] * nfree + local[:, None, :]
         kept = (local[:, :, None] >= 0) & (local[:, None, :] >= 0)
@@ -144,7 +202,11 @@ class TangentAssembler:
         scipy.sparse.csr_matrix
             The same object at each call, with new values.
         """
-        space = self.space
-        element_tangent_kernel(space.gradients, space.weights, space.points_per_cell, tangent, self._local)
-        gather_tangent_kernel(self._start, self._source, self._flat, self.matrix.data)
+        space, known = self.space, self._known
+        stiffness = read("tangent", tangent, (space.npoints, 3, 3))
+        values = written("the values of the matrix", self.matrix.data, (len(self._start) - 1,))
+        keep_apart({"the values of the matrix": values}, [("tangent", stiffness, tangent)])
+        arguments = (known.gradients, known.weights, known.points_per_cell, stiffness, self._local)
+        run_in_threads(element_tangent_kernel, space.nelements, arguments, FEWEST_ELEMENTS)
+        gather_tangent_kernel(self._start, self._source, self._flat, values)
         return self.matrix

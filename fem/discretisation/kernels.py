@@ -1,13 +1,13 @@
 """Compiled loops over elements, points and matrix entries.
 
 Each loop writes its own piece of the output and sums in a fixed order, so that results do not depend on the number of
-threads: element contributions go to a buffer of their own and are gathered afterwards by rows. Gathering is cheap, so
-those two loops are serial and compile in a fraction of the time.
+threads: element contributions go to a buffer of their own and are gathered afterwards by rows. Loops over elements take
+the range from `first` up to, not including, `end`, and threads share them (`constitutive.threads`); gathering is cheap
+and serial. What they are handed was checked in `assembly`.
 """
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,13 +17,19 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
 
-@compiled(("fem",), parallel=True)
+@compiled(("fem",), nogil=True)
 def strain_kernel(
-    gradients: Array, element_nodes: Indices, points_per_cell: int, displacement: Array, out: Array
+    first: int,
+    end: int,
+    gradients: Array,
+    element_nodes: Indices,
+    points_per_cell: int,
+    displacement: Array,
+    out: Array,
 ) -> None:
     """Strain ``B u`` at all points (xx, yy, engineering xy)."""
-    nelements, nb = element_nodes.shape
-    for element in numba.prange(nelements):
+    nb = element_nodes.shape[1]
+    for element in range(first, end):
         for q in range(points_per_cell):
             point = element * points_per_cell + q
             xx = 0.0
@@ -43,11 +49,13 @@ def strain_kernel(
             out[point, 2] = xy
 
 
-@compiled(("fem",), parallel=True)
-def element_force_kernel(gradients: Array, weights: Array, points_per_cell: int, stress: Array, out: Array) -> None:
+@compiled(("fem",), nogil=True)
+def element_force_kernel(
+    first: int, end: int, gradients: Array, weights: Array, points_per_cell: int, stress: Array, out: Array
+) -> None:
     """Element vectors ``sum_q w B^T sigma``, shape (nelem, nb, 2)."""
-    nelements, nb, _ = out.shape
-    for element in numba.prange(nelements):
+    nb = out.shape[1]
+    for element in range(first, end):
         for b in range(nb):
             out[element, b, 0] = 0.0
             out[element, b, 1] = 0.0
@@ -84,12 +92,13 @@ def gather_force_kernel(start: Indices, source: Indices, local: Array, out: Arra
         magnitude[2 * node + 1] = ay
 
 
-@compiled(("fem",), parallel=True)
-def element_tangent_kernel(gradients: Array, weights: Array, points_per_cell: int, tangent: Array, out: Array) -> None:
+@compiled(("fem",), nogil=True)
+def element_tangent_kernel(
+    first: int, end: int, gradients: Array, weights: Array, points_per_cell: int, tangent: Array, out: Array
+) -> None:
     """Element matrices ``sum_q w B^T D B``, shape (nelem, 2 nb, 2 nb); D need not be symmetric."""
-    nelements = out.shape[0]
     nb = gradients.shape[1]
-    for element in numba.prange(nelements):
+    for element in range(first, end):
         for i in range(2 * nb):
             for j in range(2 * nb):
                 out[element, i, j] = 0.0
@@ -134,8 +143,10 @@ def gather_tangent_kernel(start: Indices, source: Indices, local: Array, out: Ar
         out[entry] = total
 
 
-@compiled(("fem",), parallel=True)
+@compiled(("fem",), nogil=True)
 def element_action_kernel(
+    first: int,
+    end: int,
     gradients: Array,
     weights: Array,
     element_nodes: Indices,
@@ -145,8 +156,8 @@ def element_action_kernel(
     out: Array,
 ) -> None:
     """Element vectors ``sum_q w B^T D B u``, shape (nelem, nb, 2): the tangent's action without the matrix."""
-    nelements, nb = element_nodes.shape
-    for element in numba.prange(nelements):
+    nb = element_nodes.shape[1]
+    for element in range(first, end):
         for b in range(nb):
             out[element, b, 0] = 0.0
             out[element, b, 1] = 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.constitutive.arrays import read
 from granfabric.constitutive.contract import Law, TangentKind, UpdateReport
 from granfabric.fem.accounting import Accounting
 
@@ -46,9 +47,9 @@ class QuadratureMaterial:
         self.material_index = material_index
         self._assembler = assembler
         self._accounting = accounting
-        self.stress_start = np.array(stress, dtype=np.float64, order="C")
-        self.state_start = np.array(state, dtype=np.float64, order="C")
-        self.strain_start = np.zeros((npoints, 3)) if strain is None else np.array(strain, dtype=np.float64, order="C")
+        self.stress_start = read("stress", stress, (npoints, 3)).copy()
+        self.state_start = read("state", state, (npoints, law.description.nstate)).copy()
+        self.strain_start = np.zeros((npoints, 3)) if strain is None else read("strain", strain, (npoints, 3)).copy()
         self.stress_end = self.stress_start.copy()
         self.state_end = self.state_start.copy()
         self.tangent_start = np.zeros((npoints, 3, 3))
@@ -82,13 +83,16 @@ class QuadratureMaterial:
             Tangent written to `tangent_end`.
         """
         with self._accounting.phase("state"):
+            ndofs = len(self._displacement_increment)
+            displacement = read("displacement", displacement, (ndofs,))
+            committed = read("committed", committed, (ndofs,))
             np.subtract(displacement, committed, out=self._displacement_increment)
             self._assembler.strain(self._displacement_increment, self._increment)
         return self._call(self.tangent_end, kind)
 
     def follow(self, increment: Array) -> UpdateReport:
         """Trial state under given strain increments, shape (npt, 3), without tangent; one call of the law."""
-        self._increment[:] = increment
+        self._increment[:] = read("increment", increment, self._increment.shape)
         return self._call(None, "propagated")
 
     def _call(self, tangent: Array | None, kind: TangentKind) -> UpdateReport:

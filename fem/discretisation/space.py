@@ -13,6 +13,7 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 
+from granfabric.constitutive.arrays import ANY, read
 from granfabric.fem.mesh.host_mesh import HostMesh, MeshError
 
 Array = NDArray[np.float64]
@@ -138,6 +139,7 @@ class Space:
         -------
         ndarray, shape (npt, k)
         """
+        nodal = read("nodal", nodal, (self.nnodes, ANY))
         values = np.einsum("qb,ebk->eqk", self.shape_values, nodal[self.element_nodes])
         return values.reshape(self.npoints, -1)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -44,6 +45,7 @@ def solve(
     stop: Callable[[], bool] | None = None,
     resume: StepResult | Checkpoint | None = None,
     on_checkpoint: Callable[[Checkpoint], None] | None = None,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> RunSummary:
     """Run all stages.
 
@@ -64,6 +66,8 @@ def solve(
     on_checkpoint : callable, optional
         Called after `on_step` with all that the rest of the run depends on. The solver's own arrays: to be saved or
         copied within the call.
+    clock : callable
+        Seconds, for the times of the phases, see `fem.accounting.Accounting`.
 
     Returns
     -------
@@ -78,7 +82,7 @@ def solve(
         If the chosen linear solver is not installed.
     """
     kind = OneWayRun if problem.law.description.linear_response else _Run
-    run = kind(problem, control or StepControl(), on_step, stop, on_checkpoint)
+    run = kind(problem, control or StepControl(), on_step, stop, on_checkpoint, clock)
     if isinstance(resume, Checkpoint):
         return run.execute(resume.result, resume.memory)
     return run.execute(resume, None)
@@ -92,13 +96,14 @@ class _Run:
         on_step: Callable[[StepResult], None] | None,
         stop: Callable[[], bool] | None,
         on_checkpoint: Callable[[Checkpoint], None] | None,
+        clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self._problem = problem
         self._control = control
         self._on_step = on_step
         self._stop = stop
         self._on_checkpoint = on_checkpoint
-        self._accounting = Accounting()
+        self._accounting = Accounting(clock=clock)
         with self._accounting.phase("setup"):
             self._system = Equilibrium(problem, control, self._accounting)
             space = problem.space

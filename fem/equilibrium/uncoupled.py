@@ -9,6 +9,7 @@ needs. No state is known between results.
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -50,13 +51,14 @@ class OneWayRun:
         on_step: Callable[[StepResult], None] | None,
         stop: Callable[[], bool] | None,
         on_checkpoint: Callable[[Checkpoint], None] | None,
+        clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self._problem = problem
         self._control = control
         self._on_step = on_step
         self._stop = stop
         self._on_checkpoint = on_checkpoint
-        self._accounting = Accounting()
+        self._accounting = Accounting(clock=clock)
         with self._accounting.phase("setup"):
             self._system = Equilibrium(problem, control, self._accounting)
             self._nodes = named_nodes(problem.space)
@@ -83,6 +85,7 @@ class OneWayRun:
                 if index == first and memory is not None:
                     # What was spent to get here is part of the earlier count.
                     self._restart_accounting(memory)
+                    self._scale = max(self._scale, memory.force_scale)
                 reached = self._stage(index, way, fraction if index == first else 0.0, done)
                 if reached < 1.0:
                     return self._summary(False, self._failure, index, reached)

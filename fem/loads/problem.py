@@ -7,11 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granfabric.constitutive.arrays import ArrayError, finite, found, index
 from granfabric.constitutive.contract import Law
 from granfabric.fem.discretisation.space import Space
 
 from .kinds import INITIAL, LoadError, Stage
 from .load_program import LoadProgram
+from .supports import refuse_loose_bodies
 
 Array = NDArray[np.float64]
 
@@ -33,7 +35,7 @@ class Problem:
     stages : sequence of Stage
     initial_stress : array_like, shape (3,) or (npt, 3), optional
         xx, yy, xy, tension positive [Pa]; zero if not given.
-    material_index : array_like of int, shape (npt,), optional
+    material_index : array_like of int or bool, shape (npt,), optional
         Row of the law's parameter table for each point.
     initial_state : array_like, shape (npt, nstate), optional
         Asked of the law if not given.
@@ -42,7 +44,7 @@ class Problem:
     Raises
     ------
     LoadError
-        If the stages contradict each other or an array has the wrong shape.
+        If the stages contradict each other, an array has the wrong shape, or one of several bodies is not held.
     MeshError
         If a load names something that the mesh does not have.
     """
@@ -61,23 +63,23 @@ class Problem:
         self.law = law
         self.stages = list(stages)
         self.program = LoadProgram(space, self.stages)
+        refuse_loose_bodies(space, self.program.terms)
         self.balance_initial_stress = balance_initial_stress
-        stress = np.zeros(3) if initial_stress is None else np.asarray(initial_stress, dtype=np.float64)
-        if stress.shape not in ((3,), (space.npoints, 3)) or not np.isfinite(stress).all():
-            raise LoadError(
-                f"the initial stress must be finite and of shape (3,) or ({space.npoints}, 3), not {stress.shape}"
-            )
-        self.initial_stress: Array = np.array(np.broadcast_to(stress, (space.npoints, 3)), order="C")
-        self.material_index: NDArray[np.int32] | None = None
-        if material_index is not None:
-            self.material_index = np.ascontiguousarray(material_index, dtype=np.int32)
-            if self.material_index.shape != (space.npoints,):
-                raise LoadError(f"the material index must have shape ({space.npoints},)")
+        self.initial_stress = _initial_stress(initial_stress, space.npoints)
         nstate = law.description.nstate
-        if initial_state is None:
-            state = law.initial_state(self.initial_stress, self.material_index)
-        else:
-            state = np.array(initial_state, dtype=np.float64)
+        self.material_index: NDArray[np.int32] | None = None
+        try:
+            if material_index is not None:
+                # a question of yes or no, as it is asked of places, chooses between two
+                chosen = np.asarray(material_index, dtype=np.int32) if _is_mask(material_index) else material_index
+                # how many rows there are only the law knows, which refuses others
+                self.material_index = index("the material index", chosen, space.npoints, 2**31)
+            if initial_state is None:
+                state = law.initial_state(self.initial_stress, self.material_index)
+            else:
+                state = finite("the initial state", initial_state, (space.npoints, nstate)).copy()
+        except ArrayError as error:
+            raise LoadError(str(error)) from None
         if state.shape != (space.npoints, nstate):
             raise LoadError(f"the initial state must have shape ({space.npoints}, {nstate}), not {state.shape}")
         self.initial_state: Array = np.ascontiguousarray(state)
@@ -86,3 +88,20 @@ class Problem:
     def starts_loaded(self) -> bool:
         """Whether the loads of the first stage act from the outset."""
         return self.stages[0].name == INITIAL
+
+
+def _is_mask(given: ArrayLike) -> bool:
+    return isinstance(given, np.ndarray) and given.dtype == np.bool_ and not isinstance(given, np.ma.MaskedArray)
+
+
+def _initial_stress(given: ArrayLike | None, npoints: int) -> Array:
+    """Stress of every point, shape (npt, 3), from that of all or of each; zero if None."""
+    stress = np.zeros(3) if given is None else given
+    try:
+        if np.shape(stress) == (3,):
+            return np.tile(finite("the initial stress", stress, (3,)), (npoints, 1))
+        return finite("the initial stress", stress, (npoints, 3)).copy()
+    except ValueError:
+        raise LoadError(
+            f"the initial stress must be finite and of shape (3,) or ({npoints}, 3), not {found(stress)}"
+        ) from None

@@ -36,6 +36,24 @@ def _where(points: NDArray[np.float64], cells: NDArray[np.int64], element: int) 
     return f"element {element + 1} (corners {corners})"
 
 
+def refuse_doubled_cells(points: NDArray[np.float64], cells: NDArray[np.int64]) -> None:
+    """Refuse two cells with the same corners.
+
+    Raises
+    ------
+    MeshError
+    """
+    corners = np.sort(cells, axis=1)
+    order = np.lexsort(corners.T)
+    same = np.flatnonzero((corners[order][1:] == corners[order][:-1]).all(axis=1))
+    if same.size:
+        one, other = sorted((int(order[same[0]]), int(order[same[0] + 1])))
+        raise MeshError(
+            f"{_where(points, cells, one)} is there twice, again as element {other + 1} ({same.size} such elements in "
+            "all): surfaces lie on top of each other; take one away, or cut them along each other (BooleanFragments)"
+        )
+
+
 def oriented_cells(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.int64]:
     """Cells turned counter-clockwise where they were merely listed clockwise.
 

@@ -11,11 +11,13 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 
-from .checks import MeshError, nearest_name, oriented_cells
-from .curved import curved_mesh
-from .gmsh_file import read_raw
+from granfabric.fem.mesh.msh.file import read_raw
 
-__all__ = ["HostMesh", "MeshError", "build_mesh", "read_mesh", "rectangle"]
+from .checks import MeshError, nearest_name, oriented_cells, refuse_doubled_cells
+from .curved import curved_mesh
+from .topology import TopologyError, check_topology
+
+__all__ = ["HostMesh", "MeshError", "TopologyError", "build_mesh", "read_mesh", "rectangle"]
 
 SAME_PLACE = 1e-9
 """Distance, relative to the size of the mesh, below which two places are the same."""
@@ -43,12 +45,15 @@ class HostMesh:
     curved : skfem.MeshTri2 or skfem.MeshQuad2, optional
         The same mesh with curved sides; elements of second order use it as their geometry (isoparametric), those of
         first order the straight one.
+    remarks : tuple of str
+        What is worth saying about the groups of the file that it was read from.
     """
 
     mesh: Any
     boundaries: dict[str, NDArray[np.int64]]
     regions: dict[str, NDArray[np.int64]]
     curved: Any = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def cell(self) -> str:
@@ -117,6 +122,8 @@ def build_mesh(
     lines: dict[str, NDArray[np.int64]] | None = None,
     regions: dict[str, NDArray[np.int64]] | None = None,
     sides: CurvedSides | None = None,
+    parts: str = "joined",
+    remarks: tuple[str, ...] = (),
 ) -> HostMesh:
     """Checked mesh from raw arrays.
 
@@ -132,11 +139,16 @@ def build_mesh(
         Element indices of each named surface.
     sides : CurvedSides, optional
         Sides that are not straight; each must be an element edge.
+    parts : {"joined", "separate"}
+        "joined": the mesh has to be one body. "separate" admits several bodies, bodies that touch without being
+        joined, and cracks whose faces have nodes of their own; see `fem.mesh_topology`.
+    remarks : tuple of str
+        Kept with the mesh.
 
     Raises
     ------
     MeshError
-        If the mesh is not usable.
+        If the mesh is not usable; a `TopologyError` if it is not one body or lies over itself.
     """
     points = np.ascontiguousarray(points, dtype=np.float64)
     cells = np.asarray(cells, dtype=np.int64)
@@ -146,6 +158,7 @@ def build_mesh(
         raise MeshError("the mesh holds a coordinate that is not finite")
     if np.abs(points).max() > LARGEST_COORDINATE:
         raise MeshError(f"the mesh holds the coordinate {np.abs(points).max():g}, beyond {LARGEST_COORDINATE:g} m")
+    refuse_doubled_cells(points, cells)
     cells = oriented_cells(points, cells)
     used, inverse = np.unique(cells, return_inverse=True)
     renumber = np.full(len(points), -1, dtype=np.int64)
@@ -162,17 +175,26 @@ def build_mesh(
             a, b = points[pairs[int(np.argmax(bad))]]
             raise MeshError(
                 f"curve {name!r} has a segment from ({a[0]:.6g}, {a[1]:.6g}) to ({b[0]:.6g}, {b[1]:.6g}) that is not "
-                "the edge of any element"
+                "the edge of any element (is the surface beside it a part of the mesh?)"
             )
         boundaries[name] = np.unique(found)
     named = {name: np.unique(np.asarray(index, dtype=np.int64)) for name, index in (regions or {}).items()}
+    for name, index in named.items():
+        if index.size and not 0 <= index[0] <= index[-1] < len(cells):
+            raise MeshError(f"region {name!r} names an element that is none of the {len(cells)} of the mesh")
     curved = None
     if sides is not None and len(sides[0]):
         facets, bad = find(sides[0])
         if bad.any():
             raise MeshError("a curved side is not the edge of any element")
         curved = curved_mesh(mesh, facets, sides[1])
-    return HostMesh(mesh, boundaries, named, curved)
+    host = HostMesh(mesh, boundaries, named, curved, remarks)
+    try:
+        check_topology(mesh, named, parts)
+    except TopologyError as error:
+        error.mesh = host
+        raise
+    return host
 
 
 class _FacetFinder:
@@ -193,22 +215,29 @@ class _FacetFinder:
         return self._order[position], (ends < 0).any(axis=1) | (self._keys[position] != wanted)
 
 
-def read_mesh(path: str | Path) -> HostMesh:
-    """Read a Gmsh file (MSH 2.2 or 4.1) with boundaries and regions by physical group.
+def read_mesh(path: str | Path, parts: str = "joined") -> HostMesh:
+    """Read a Gmsh file (MSH 1, 2, 4.0 or 4.1, text or binary) with boundaries and regions by physical group.
 
     Parameters
     ----------
     path : str or Path
         A `.msh` file of triangles or quadrilaterals of first or second order in the x-y plane. Curved sides of
         second-order elements become the geometry of P2 and Q2; P1 and Q1 join their corners by straight lines.
+        Groups without a name are called by their numbers, ``curve 5`` or ``surface 2``.
+    parts : {"joined", "separate"}
+        As for `build_mesh`.
 
     Raises
     ------
     MeshError
-        If the file cannot be read, is not plane, or holds degenerate, inverted or mixed elements.
+        If the file cannot be read, is not plane, or holds degenerate, inverted or mixed elements; a `TopologyError` if
+        the mesh is not one body or lies over itself.
     """
     try:
-        return build_mesh(*read_raw(Path(path)))
+        raw = read_raw(Path(path))
+        return build_mesh(raw.points, raw.cells, raw.lines, raw.regions, raw.sides, parts, raw.remarks)
+    except TopologyError as error:
+        raise error.about(f"mesh {path}") from None
     except MeshError as error:
         raise MeshError(f"mesh {path}: {error}") from None
 

@@ -11,7 +11,6 @@ import os
 import zlib
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -27,11 +26,6 @@ _TYPES = {
 }
 # VTK's number of each kind of cell.
 _CELLS = {"vertex": 1, "triangle": 5, "triangle6": 22, "quad": 9, "quad9": 28}
-
-
-@cache
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(numba.get_num_threads(), thread_name_prefix="granfabric-output")
 
 
 def encoded(values: NDArray) -> bytes:
@@ -85,7 +79,9 @@ class GridWriter:
         for name, values in fields.items():
             if values.shape[:1] != (self._npoints,):
                 raise ValueError(f"field {name!r} has the shape {values.shape}, but there are {self._npoints} points")
-        blocks = list(_pool().map(encoded, fields.values()))
+        # threads of this call alone: a pool that is kept would be copied without its threads by a fork
+        with ThreadPoolExecutor(numba.get_num_threads(), thread_name_prefix="granfabric-output") as pool:
+            blocks = list(pool.map(encoded, fields.values()))
         data = [(_described(name, values), block) for (name, values), block in zip(fields.items(), blocks)]
         head = [
             '<?xml version="1.0"?>',

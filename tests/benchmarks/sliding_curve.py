@@ -84,9 +84,16 @@ def main(folders: list[Path], figure: Path) -> None:
     for folder, (dem, _), peak in zip(folders, runs, peaks, strict=True):
         print(f"  {folder.name}: " + ", ".join(f"{100 * misfit(law, dem, peak):.1f} %" for law in laws))
 
+    drawing = draw([dem for dem, _ in runs], laws, predicted(runs[0][1], sliding=False))
+    figure.parent.mkdir(parents=True, exist_ok=True)
+    drawing.savefig(figure, dpi=130)
+
+
+def draw(grains: list[dict[str, np.ndarray]], laws: list[dict[str, np.ndarray]], elastic: dict[str, np.ndarray]):
+    """The figure: q/p, dilation and z over the shear strain; strains in per cent, in the inset in 1e-4."""
     plt.rcParams.update({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3})
     drawing, axes = plt.subplots(1, 3, figsize=(11.5, 3.8), layout="constrained")
-    for number, ((dem, _), law) in enumerate(zip(runs, laws, strict=True)):
+    for number, (dem, law) in enumerate(zip(grains, laws, strict=True)):
         label = number == 0
         for axis, name in zip(axes, ("ratio", "dilation", "z"), strict=True):
             scale = 100.0 if name == "dilation" else 1.0
@@ -95,7 +102,6 @@ def main(folders: list[Path], figure: Path) -> None:
                       label="disks, each packing" if label else None)  # fmt: skip
             axis.plot(100 * law["shear"], scale * law[name], color="tab:blue", lw=1.3,
                       label="law, parameters of each" if label else None)  # fmt: skip
-    elastic = predicted(runs[0][1], sliding=False)
     axes[0].plot(100 * elastic["shear"], elastic["ratio"], color="tab:red", ls="--", lw=1.2, label="without sliding")
     axes[2].plot(100 * elastic["shear"], elastic["z"], color="tab:red", ls="--", lw=1.2)
     for axis, name in zip(axes, ("q/p", "dilation [%]", "coordination number"), strict=True):
@@ -104,7 +110,7 @@ def main(folders: list[Path], figure: Path) -> None:
         axis.set_xlim(0, 1.0)
         axis.legend(loc="best", fontsize=8)
     inset = axes[0].inset_axes((0.42, 0.12, 0.54, 0.5))
-    for (dem, _), law in zip(runs, laws, strict=True):
+    for dem, law in zip(grains, laws, strict=True):
         inset.plot(1e4 * dem["shear"], dem["ratio"], color="0.6", lw=1.0)
         inset.plot(1e4 * law["shear"], law["ratio"], color="tab:blue", lw=1.2)
     inset.plot(1e4 * elastic["shear"], elastic["ratio"], color="tab:red", ls="--", lw=1.0)
@@ -113,8 +119,7 @@ def main(folders: list[Path], figure: Path) -> None:
     inset.set_xlabel(r"$10^{-4}$", fontsize=7, labelpad=0)
     inset.tick_params(labelsize=7)
     axes[0].legend(loc="upper right", fontsize=8, bbox_to_anchor=(1.0, 0.95))
-    figure.parent.mkdir(parents=True, exist_ok=True)
-    drawing.savefig(figure, dpi=130)
+    return drawing
 
 
 if __name__ == "__main__":

@@ -4,19 +4,41 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from granfabric.cases.commands.cli import main
 from granfabric.cases.field.prepare import prepare
+from granfabric.cases.pictures import style as plot_style
 from granfabric.cases.scene.reader import load
+from granfabric.cases.terminal.screen import Screen
 from granfabric.fem.equilibrium.initial import initial_result
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.equilibrium.stepping import solve
 from granfabric.fem.loads.problem import Problem
+
+
+class Table(NamedTuple):
+    """A printed table."""
+
+    title: str
+    names: list[str]
+    rows: list[list[str]]
+
+    def column(self, name: str) -> list[str]:
+        """Cells of a column by its head."""
+        return [row[self.names.index(name)] for row in self.rows]
+
+
+class Told(NamedTuple):
+    """What was printed."""
+
+    tables: list[Table]
+    lines: list[str]
 
 
 class Result(NamedTuple):
@@ -57,6 +79,40 @@ def is_drawn() -> Callable[[Path], bool]:
         return min(image.shape[:2]) > 300 and 0.005 < float(inked.mean()) < 0.9 and bool(coloured.any())
 
     return look
+
+
+@pytest.fixture
+def pictures(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
+    """Pictures by file name as they are made, instead of files: what `drawn` looks into. Nothing is rendered."""
+    kept: dict[str, Figure] = {}
+
+    def keep(path: Path, write: Callable[[Path], object]) -> None:
+        with monkeypatch.context() as patch:
+            patch.setattr(Figure, "savefig", lambda figure, *arguments, **options: kept.__setitem__(path.name, figure))
+            write(path)
+
+    monkeypatch.setattr(plot_style, "write_whole", keep)
+    return kept
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> Told:
+    """Tables and lines that commands print, as they are given to the screen; they are printed all the same."""
+    found = Told([], [])
+    table, say = Screen.table, Screen.say
+
+    def keep_table(self: Screen, title: str, names: Any, rows: Any, *words: Any) -> None:
+        rows = [list(row) for row in rows]
+        found.tables.append(Table(title, list(names), rows))
+        table(self, title, names, rows, *words)
+
+    def keep_line(self: Screen, text: str, **options: Any) -> None:
+        found.lines.append(text)
+        say(self, text, **options)
+
+    monkeypatch.setattr(Screen, "table", keep_table)
+    monkeypatch.setattr(Screen, "say", keep_line)
+    return found
 
 
 @pytest.fixture

@@ -136,5 +136,7 @@ def mutated(data: bytes, rng: np.random.Generator, text: bool = True) -> bytes:
 
 
 def one_sentence(text: str) -> bool:
-    """Whether this is what a refusal says: one line that begins with the program's name, and no traceback."""
-    return text.startswith("granfabric: ") and text.count("\n") == 1 and "Traceback" not in text and len(text) < 2000
+    """Whether this is what a refusal says: a line for each error, that begins with the program's name; no traceback."""
+    lines = text.split("\n")
+    whole = len(lines) > 1 and not lines.pop() and all(line.startswith("granfabric: ") for line in lines)
+    return whole and "Traceback" not in text and max(map(len, lines)) < 2000

@@ -6,9 +6,11 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from granfabric.cases.errors import InputError, RunError
 from granfabric.cases.scene.catalogue import shipped
 
 
@@ -45,6 +47,45 @@ def test_a_scene_is_copied_with_its_mesh(granfabric: Callable, tmp_path: Path) -
     names = {"biaxial.toml", "biaxial.msh", "biaxial.geo", "schema.json"}
     assert {file.name for file in (tmp_path / "mine").iterdir()} == names
     assert granfabric("scenes", "--copy", "biaxial", "-o", tmp_path / "mine").code == 2
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (InputError("this is not legal"), 2, "granfabric: this is not legal\n"),
+        (RunError("the disk is full"), 1, "granfabric: the disk is full\n"),
+        (OSError("gone"), 1, "granfabric: gone\n"),
+        (MemoryError(), 1, "granfabric: there is not enough memory for this\n"),
+        (KeyboardInterrupt(), 1, "granfabric: interrupted\n"),
+        (SystemExit(130), 1, "granfabric: interrupted\n"),
+        (SystemExit(2), 2, ""),
+        (SystemExit(0), 0, ""),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, BaseException) else "",
+)
+def test_codes_of_the_ways_in_which_a_command_ends(
+    granfabric: Callable, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, said: str
+) -> None:
+    def ends() -> None:
+        raise error
+
+    monkeypatch.setattr("granfabric.cases.commands.cli.app", ends)
+    result = granfabric()
+    assert (result.code, result.err) == (code, said)
+
+
+@pytest.mark.parametrize(("outcome", "code"), [("finished", 0), ("stopped", 1), ("failed", 1)])
+@pytest.mark.parametrize("command", ["run", "point", "dem", "verify", "cost"])
+def test_only_what_was_finished_ends_with_code_0(
+    granfabric: Callable, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: str, outcome: str, code: int
+) -> None:
+    scenes = {"run": ("run.run_field", "biaxial_smooth"), "point": ("point.run_point", "p_constant"),
+              "dem": ("dem.run_dem", "dem_biaxial"), "verify": ("verify.run_verify", None),
+              "cost": ("cost.run_cost", None)}  # fmt: skip
+    place, scene = scenes[command]
+    record = SimpleNamespace(outcome=outcome, details={}, timing={}, folder=tmp_path)
+    monkeypatch.setattr(f"granfabric.cases.commands.{place}", lambda *arguments, **options: record)
+    assert granfabric(command, *([scene] if scene else []), "-o", tmp_path / "out").code == code
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["scenes"]])

@@ -11,6 +11,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from drawn import curves, legend, same
+from matplotlib.figure import Figure
 from vtk.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
@@ -19,6 +21,8 @@ from granfabric.cases.records import dem_series, files
 from granfabric.cases.scene.reader import load
 from granfabric.cases.terminal.screen import Screen
 from granfabric.dem_ref.loading.run import HISTORY_COLUMNS
+from granfabric.dem_ref.measures.contacts import contacts_of
+from granfabric.dem_ref.measures.fields import contact_fields, particle_fields
 from granfabric.dem_ref.sample.disks import load_sample
 
 SMALL = ("packing.particles=300", "path.0.stress_ratio=0.15", "output.every=4")
@@ -63,7 +67,7 @@ def test_files_and_columns(finished: Path, is_drawn: Callable) -> None:
     names = {file.name for file in finished.iterdir() if file.suffix != ".vtu"}
     pictures = {"overview.png", "packing.png", "distributions.png"}
     assert names == pictures | {
-        *("history.csv", "run.json", "scene.toml", "material.toml", "packing.npz", "checkpoint.npz"),
+        *("history.csv", "run.json", "run.log", "scene.toml", "material.toml", "packing.npz", "checkpoint.npz"),
         *("particles.pvd", "contacts.pvd"),
     }
     assert all(is_drawn(finished / name) for name in pictures)
@@ -127,6 +131,19 @@ def test_contact_lines_carry_the_stress(finished: Path) -> None:
         np.testing.assert_allclose(np.diag(stress), recorded, rtol=1e-6)
 
 
+def test_displacements_of_particles_that_leave_the_cell(finished: Path) -> None:
+    """Points are shown within the cell; how far a particle has gone counts from where it was."""
+    sample = load_sample(finished / "packing.npz")
+    moved = sample.copy()
+    shift = sample.cell[0] + 0.25 * sample.cell[1]
+    moved.position = sample.position + shift
+    mesh = dem_series.particle_mesh(moved, sample.position)
+    np.testing.assert_allclose(mesh.point_data["displacement"][:, :2], np.tile(shift, (sample.count, 1)))
+    assert not mesh.point_data["displacement"][:, 2].any()
+    inside = mesh.points[:, :2] @ np.linalg.inv(sample.cell)
+    assert inside.min() >= 0.0 and inside.max() <= 1.0
+
+
 class Interrupting(dem_series.DemSeries):
     """Ctrl-C, once, when the sixth record is written."""
 
@@ -177,7 +194,7 @@ def test_a_stop_while_packing_keeps_a_legal_folder(
     monkeypatch.setattr(dem, "make_packing", interrupted)
     result = granfabric("dem", "dem_biaxial", *SET, "-o", tmp_path)
     assert result.code == 1 and "stopped while packing" in result.out
-    assert {file.name for file in tmp_path.iterdir()} == {"run.json", "scene.toml"}
+    assert {file.name for file in tmp_path.iterdir()} == {"run.json", "run.log", "scene.toml"}
 
 
 def test_an_interruption_while_drawing_keeps_the_finished_run(
@@ -223,11 +240,56 @@ def test_a_scene_of_another_kind_names_its_command(
     assert not (tmp_path / "out").exists()
 
 
-def test_pictures_are_made_anew_from_the_files(finished: Path, granfabric: Callable) -> None:
-    before = {name: (finished / name).read_bytes() for name in ("overview.png", "packing.png", "distributions.png")}
-    (finished / "overview.png").unlink()
+def test_pictures_are_made_anew_from_the_files(
+    finished: Path, granfabric: Callable, pictures: dict[str, Figure]
+) -> None:
+    """History, packing and last checkpoint as they lie in the folder."""
     assert granfabric("plot", finished).code == 0
-    assert {name: (finished / name).read_bytes() for name in before} == before
+    assert set(pictures) == {"overview.png", "packing.png", "distributions.png"}
+    columns = history(finished)
+    stress, count, *_ = pictures["overview.png"].axes
+    x = 1e6 * (columns["strain_xx"] - columns["strain_yy"])
+    same(curves(stress)["$q/p$"], x, columns["q"] / columns["p"])
+    same(curves(count)["all particles"], x, columns["coordination"])
+    same(curves(count)["without rattlers"], x, columns["coordination_without_rattlers"])
+    packing = load_sample(finished / "packing.npz")
+    left, right = (axes.collections[0] for axes in pictures["packing.png"].axes[:2])
+    disks = particle_fields(packing)
+    np.testing.assert_allclose(left.get_offsets(), disks["position"][disks["bears_force"] > 0])
+    # on the right the end of the loading: the particles that ParaView shows last
+    last = grid(series(finished, "particles")[-1][1])
+    place = vtk_to_numpy(last.GetPoints().GetData())[:, :2]
+    bearing = arrays(last.GetPointData())["bears_force"] > 0
+    np.testing.assert_allclose(right.get_offsets(), place[bearing])
+    label = f"DEM, {contacts_of(packing).count} contacts"
+    assert label in legend(pictures["distributions.png"].axes[0])
+
+
+def test_fields_for_paraview_are_what_their_names_say(finished: Path) -> None:
+    """Particles and contacts of the packing, array by array."""
+    sample = load_sample(finished / "packing.npz")
+    particles, contacts = particle_fields(sample), contact_fields(sample)
+    first = grid(series(finished, "particles")[0][1])
+    found = arrays(first.GetPointData())
+    assert set(found) == {"radius", "contacts", "bears_force", "pressure", "displacement"}
+    for name in ("radius", "contacts", "bears_force", "pressure"):
+        np.testing.assert_array_equal(found[name], particles[name])
+    np.testing.assert_array_equal(vtk_to_numpy(first.GetPoints().GetData())[:, :2], particles["position"])
+    lines = grid(series(finished, "contacts")[0][1])
+    for data, repeat in ((lines.GetCellData(), 1), (lines.GetPointData(), 2)):
+        found = arrays(data)
+        assert set(found) == {"normal_force", "tangential_force", "mobilisation"}
+        for name, values in found.items():
+            np.testing.assert_array_equal(values, np.repeat(contacts[name], repeat))
+    ends = vtk_to_numpy(lines.GetPoints().GetData())[:, :2]
+    np.testing.assert_array_equal(ends[0::2], contacts["start"])
+    np.testing.assert_array_equal(ends[1::2], contacts["end"])
+    # displacements at the end belong to the strain: mean motion is affine
+    last = arrays(grid(series(finished, "particles")[-1][1]).GetPointData())["displacement"]
+    columns = history(finished)
+    gradient = np.linalg.lstsq(np.column_stack([sample.position, np.ones(sample.count)]), last[:, :2], rcond=None)[0]
+    assert gradient[0, 0] == pytest.approx(columns["strain_xx"][-1], rel=0.1)
+    assert gradient[1, 1] == pytest.approx(columns["strain_yy"][-1], rel=0.1)
 
 
 def test_the_measured_material_feeds_a_point_scene(finished: Path, granfabric: Callable, tmp_path: Path) -> None:

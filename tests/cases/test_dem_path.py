@@ -7,9 +7,9 @@ from math import radians
 import pytest
 from pydantic import ValidationError
 
-from granfabric.cases.scene.dem_path import PathError, packing_options, run_options, segments
+from granfabric.cases.scene.dem_path import PathError, leg_numbers, packing_options, run_options, segments
 from granfabric.cases.scene.schema_dem import DemScene
-from granfabric.cases.scene.validation_messages import sentence
+from granfabric.cases.scene.validation_messages import sentences
 from granfabric.dem_ref.loading.path import Segment
 
 
@@ -66,7 +66,7 @@ def test_a_leg_by_components_sets_the_stress_when_it_is_all_stress() -> None:
     assert made[0].control == ("stress", "stress", "stress") and made[1].shear_strain == -0.02
     assert made[1].angle == pytest.approx(radians(90.0))
     strain = leg("components", control=["strain", "stress", "strain"], target=[0.0, -120e3, 0.0])
-    with pytest.raises(PathError, match=r"path\.1: the stress .* is not known beforehand"):
+    with pytest.raises(PathError, match=r"path 2: the stress .* is not known beforehand"):
         segments(scene(strain, constant(0.1)))
     # what says everything itself needs no knowledge
     assert len(segments(scene(strain, leg("isotropic", pressure_ratio=1.0), constant(0.1)))) == 3
@@ -75,9 +75,9 @@ def test_a_leg_by_components_sets_the_stress_when_it_is_all_stress() -> None:
 @pytest.mark.parametrize(
     ("legs", "text"),
     [
-        ([constant(0.2), constant(0.2)], r"path\.1: stress_ratio = 0\.2 is where the leg begins"),
-        ([leg("rotation", rotation_degrees=90.0)], r"path\.0: there is no deviator to rotate"),
-        ([leg("components", control=["stress"] * 3, target=[1.0, -3.0, 0.0])], r"path\.0: .* press in every direction"),
+        ([constant(0.2), constant(0.2)], r"path 2: stress_ratio = 0\.2 is where the leg begins"),
+        ([leg("rotation", rotation_degrees=90.0)], r"path 1: there is no deviator to rotate"),
+        ([leg("components", control=["stress"] * 3, target=[1.0, -3.0, 0.0])], r"path 1: .* press in every direction"),
     ],
 )
 def test_legs_that_do_not_follow_are_refused(legs: list[dict], text: str) -> None:
@@ -99,7 +99,7 @@ def test_legs_that_do_not_follow_are_refused(legs: list[dict], text: str) -> Non
 def test_illegal_keys_of_a_leg_are_told_in_one_sentence(bad: dict, text: str) -> None:
     with pytest.raises(ValidationError) as caught:
         scene(bad)
-    _, told = sentence(caught.value, DemScene, {})
+    [(_, told)] = sentences(caught.value, DemScene, {})
     assert text in told and "\n" not in told
 
 
@@ -113,3 +113,43 @@ def test_options_of_packing_and_run_follow_the_scene() -> None:
     assert packing_options(made).friction == 0.3 and packing_options(made).distribution == "bidisperse"
     options = run_options(made)
     assert options.limits.inertial_number == 1e-4 and options.record_stress_ratio == 0.02
+
+
+def test_relative_targets_of_components() -> None:
+    shear = leg("components", control=["strain"] * 3, target=[1e-4, -1e-4, 0.0], relative=True)
+    made = segments(scene(leg("isotropic", pressure_ratio=2.0), shear))
+    assert made[1] == Segment("mixed", control=("strain",) * 3, target=(1e-4, -1e-4, 0.0), relative=True)
+    # known stresses stay known: from q/p = 0.2 along y at 100 kPa by -20 and +20 kPa to none
+    back = leg("components", control=["stress"] * 3, target=[-20e3, 20e3, 0.0], relative=True)
+    made = segments(scene(constant(0.2), back, constant(0.1)))
+    assert made[2].shear_strain == 0.02
+    # and unknown ones unknown
+    with pytest.raises(PathError, match=r"path 3: the stress .* is not known beforehand"):
+        segments(scene(shear, back, constant(0.1)))
+    # a pull that only the run can tell: the leg before may end elsewhere than at its target
+    pull = leg("components", control=["stress"] * 3, target=[90e3, 120e3, 0.0], relative=True)
+    assert len(segments(scene(constant(0.2), pull))) == 2
+
+
+def test_relative_goes_with_components_alone() -> None:
+    for other in (constant(0.2), leg("isotropic", pressure_ratio=0.9), leg("rotation", rotation_degrees=90.0)):
+        with pytest.raises(ValidationError) as caught:
+            scene({**other, "relative": True})
+        [(_, told)] = sentences(caught.value, DemScene, {})
+        assert "relative = true goes with loading = 'components'" in told and "\n" not in told
+        scene({**other, "relative": False})
+
+
+@pytest.mark.parametrize(("component", "axis"), [(0, "x"), (1, "y")])
+def test_a_pull_along_one_axis_is_refused(component: int, axis: str) -> None:
+    control, target = ["strain"] * 3, [0.0, 0.0, 0.0]
+    control[component] = "stress"
+    with pytest.raises(PathError, match=rf"path 1: a stress of 0 Pa along {axis} does not press"):
+        segments(scene(leg("components", control=control, target=target)))
+    # a shear stress of zero is none
+    assert segments(scene(leg("components", control=["strain", "strain", "stress"], target=[0.0, 0.0, 0.0])))
+
+
+def test_numbers_of_legs() -> None:
+    turn = leg("rotation", rotation_degrees=100.0)
+    assert leg_numbers(scene(constant(0.2), turn, constant(0.1))) == [1, 2, 2, 2, 3]

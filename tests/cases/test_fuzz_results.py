@@ -43,8 +43,9 @@ def field_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    """Every file but the record, which tells the time."""
-    return {file.name: file.read_bytes() for file in folder.iterdir() if file.name != "run.json"}
+    """Every file but the record and the log, which tell the time, and the lock of a run that was killed."""
+    other = ("run.json", "run.log", ".granfabric.lock")
+    return {file.name: file.read_bytes() for file in folder.iterdir() if file.name not in other}
 
 
 def ended(call: Callable, damage: str) -> tuple[int, str]:

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn import unnamed
+from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
 from granfabric.cases.records import files
@@ -76,7 +78,7 @@ def test_files_columns_and_bookkeeping_of_every_point_scene(
     result = granfabric("point", scene, "-o", tmp_path, *(() if drawn else NO_PICTURES))
     assert result.code == 0, result.err
     pictures = {"microvariables.png", "fabric_decomposition.png"} if drawn else set()
-    assert {file.name for file in tmp_path.iterdir()} == {"history.csv", "run.json", "scene.toml"} | pictures
+    assert {file.name for file in tmp_path.iterdir()} == {"history.csv", "run.json", "run.log", "scene.toml"} | pictures
     columns = history(tmp_path)
     assert list(columns)[: len(COLUMNS)] == COLUMNS
     np.testing.assert_array_equal(columns["step"], np.arange(len(columns["step"])))
@@ -198,15 +200,38 @@ def test_the_scene_as_resolved_gives_the_same_run(granfabric: Callable, tmp_path
     assert len(history(second)["step"]) == 8
 
 
-def test_plot_makes_the_pictures_again_and_bit_identically(granfabric: Callable, tmp_path: Path) -> None:
+def test_plot_makes_the_pictures_again_from_the_files(
+    granfabric: Callable, tmp_path: Path, pictures: dict[str, Figure]
+) -> None:
+    """What the run drew and what `plot` draws is the history; with another history in the folder it is that one."""
+    assert granfabric("point", "p_constant", "-o", tmp_path).code == 0
+    first = dict(pictures)
+    assert set(first) == {"microvariables.png", "fabric_decomposition.png"}
+
+    def drawn() -> np.ndarray:
+        return unnamed(pictures["microvariables.png"].axes[0])[0][1]
+
+    columns = history(tmp_path)
+    np.testing.assert_array_equal(drawn(), columns["coordination"])
+    columns["coordination"] = columns["coordination"] * 1.01
+    rows = list(zip(*(values.tolist() for values in columns.values())))
+    files.write_text(tmp_path / "history.csv", files.csv_text(list(columns), rows))
+    pictures.clear()
+    result = granfabric("plot", tmp_path)
+    assert result.code == 0 and set(pictures) == set(first)
+    assert result.out.split() == [str(tmp_path / name) for name in first]
+    np.testing.assert_allclose(drawn(), columns["coordination"], rtol=1e-15)
+
+
+def test_pictures_have_no_date_in_them(granfabric: Callable, tmp_path: Path, is_drawn: Callable) -> None:
+    """The same history gives the same bytes at another time."""
     assert granfabric("point", "p_constant", "-o", tmp_path).code == 0
     before = {file.name: file.read_bytes() for file in tmp_path.glob("*.png")}
+    assert len(before) == 2 and all(is_drawn(tmp_path / name) for name in before)
     for name in before:
         (tmp_path / name).unlink()
-    result = granfabric("plot", tmp_path)
-    assert result.code == 0
+    assert granfabric("plot", tmp_path).code == 0
     assert {file.name: file.read_bytes() for file in tmp_path.glob("*.png")} == before
-    assert all(name in result.out for name in before)
 
 
 def test_plot_refuses_a_folder_that_is_no_result(granfabric: Callable, tmp_path: Path) -> None:

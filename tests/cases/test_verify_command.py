@@ -101,7 +101,8 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_files_of_a_comparison(compared: Path, is_drawn: Callable) -> None:
     figures = {f"figure_{number}.png" for number in range(1, 7)}
     assert {file.name for file in compared.iterdir()} == figures | {
-        *("verify.csv", "verify.md", "run.json", "material.toml", "dem", "paths.csv", "probes.csv", "closures.csv")
+        *("verify.csv", "verify.md", "run.json", "run.log", "material.toml", "dem"),
+        *("paths.csv", "probes.csv", "closures.csv"),
     }
     assert all(is_drawn(compared / name) for name in figures)
     told = json.loads((compared / "run.json").read_text())
@@ -114,6 +115,13 @@ def test_files_of_a_comparison(compared: Path, is_drawn: Callable) -> None:
     assert len(columns["closure"]) == len(LOADINGS) * len(names) * len(QUANTITIES) * len(TABLE_LEVELS)
     text = (compared / "verify.md").read_text()
     assert all(name in text for name in names) and all(f"({figure})" in text for figure in figures)
+
+
+def test_nothing_of_a_comparison_stays_beside_what_replaces_it(compared: Path, tmp_path: Path) -> None:
+    """But the runs of the DEM, which the next comparison uses again."""
+    shutil.copytree(compared, tmp_path / "copy")
+    files.prepare_output(tmp_path / "copy", overwrite=True)
+    assert [file.name for file in (tmp_path / "copy").iterdir()] == ["dem"]
 
 
 def test_paths_probes_and_closures_of_a_comparison(compared: Path) -> None:
@@ -223,3 +231,40 @@ def test_bad_numbers_are_refused(granfabric: Callable, tmp_path: Path, arguments
 def test_plot_says_how_to_draw_a_comparison(compared: Path, granfabric: Callable) -> None:
     result = granfabric("plot", compared)
     assert result.code == 2 and "granfabric verify -o" in result.err
+
+
+def _both_sides(path: Path, *keys: str) -> dict[tuple, tuple[float, float]]:
+    """DEM and model of a table, by the named columns."""
+    rows = files.read_csv(path)
+    return {tuple(key): (dem, model) for *key, dem, model in zip(*(rows[name] for name in (*keys, "dem", "model")))}
+
+
+def test_model_and_grains_move_the_same_way(compared: Path) -> None:
+    """Loading, unloading to the other side, a turn and probes: on 200 disks at least the signs and sizes agree."""
+    best = "shifted_distribution, frictional"
+    at = _both_sides(compared / "verify.csv", "loading", "closure", "quantity", "stress_ratio")
+    sizes = {"fabric_anisotropy": 0.1, "normal_force_anisotropy": 0.2, "tangential_force_anisotropy": 0.15}
+    for loading in LOADINGS:
+        for quantity, size in sizes.items():
+            dem, model = at[loading, best, quantity, 0.25]
+            assert dem > 0 and model > 0 and abs(dem - model) < size, (loading, quantity)
+    found = _both_sides(compared / "paths.csv", "path", "closure", "quantity", "segment", "share")
+    for quantity in ("fabric_along", "normal_along", "tangential_along"):
+        for segment, sign in ((1, 1.0), (3, 1.0), (5, -1.0)):
+            dem, model = found["cycles", best, quantity, segment, 1.0]
+            assert sign * dem > 0 and sign * model > 0, (quantity, segment)
+        dem, model = found["rotation", best, quantity, 5, 1.0]
+        assert dem > 0 and model > 0, quantity
+    # the fabric lags behind the axes that turn
+    dem, model = found["rotation", best, "fabric_across", 3, 1.0]
+    assert dem < 0 and model < 0
+    rows = files.read_csv(compared / "probes.csv")
+    names = ("probe", "side", "coordination_change", "fabric_change")
+    probes = {(probe, side): (dz, da) for probe, side, dz, da in zip(*(rows[name] for name in names))}
+    for probe in ("dq = 0.1 p", "dp = -0.1 p, dq = 0.1 p"):
+        for side in ("DEM", best, SOURCE):
+            dz, da = probes[probe, side]
+            assert dz < 0 < da, (probe, side)
+    assert probes["dp = -0.1 p", "DEM"][0] < -0.05 > probes["dp = -0.1 p", best][0]
+    for side in ("DEM", best, SOURCE):  # pressure that rises closes next to nothing
+        assert abs(probes["dp = +0.1 p", side][0]) < 0.05

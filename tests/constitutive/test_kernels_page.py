@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "kernels.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "kernels.md"
 
 CHECK = """
 assert report.failed == 0, report.message
@@ -67,6 +67,6 @@ def test_a_formula_is_a_function_of_numbers() -> None:
 
 def test_every_file_of_the_page_exists() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    root = PAGE.parents[1]
+    root = PAGE.parents[2]
     for name in re.findall(r"`((?:integration|network|lanes|sliding|cases|constitutive|tests)/[\w/]+\.py)`", text):
         assert any((root / part / name).exists() for part in ("", "constitutive")), name

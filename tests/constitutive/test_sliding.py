@@ -98,6 +98,36 @@ def test_other_exponents(exponent):
     assert back == pytest.approx(stress, abs=PRESSURE * 1e-2)
 
 
+@pytest.mark.parametrize("exponent", [1.0, 2.0])
+def test_work_on_a_cone_with_cohesion(exponent):
+    """q = M (p + c): the deviator works with the cohesion, the pressure against the dilation; by quadrature over M.
+
+    At constant p, to several stress ratios and on several axes.
+    """
+    cohesion = 2e4
+    changes = {"apparent_cohesion": cohesion, "hardening_exponent": exponent, "first_yield_stress_ratio": 0.0}
+    points = Points(sliding_law(AT_REST, material_changes=changes, tolerance=TOLERANCE), [ISOTROPIC] * 4)
+    strengths, axes = np.array([0.1, 0.2, 0.3, 0.38]), np.array([0.0, 0.4, 1.2, 2.0])
+    deviator = (strengths * (PRESSURE + cohesion))[:, None] * np.stack([-np.cos(axes), np.cos(axes), -np.sin(axes)], 1)
+    _, state, _, report = points.mixed(STRESS, deviator)
+    assert report.failed == 0
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    for i, top in enumerate(strengths):
+        h = 0.5 * top / PEAK * (nodes + 1)
+        slope = REFERENCE * h ** (exponent - 1) * (exponent - (exponent - 1) * h) / (1 - h) ** 2
+        m = PEAK * h
+        per_strain = m * (PRESSURE + cohesion) + PRESSURE * SLOPE * (CONSTANT - m)
+        work = 0.5 * top / PEAK * (weights @ (slope * per_strain))
+        volume = 0.5 * top / PEAK * (weights @ (slope * SLOPE * (m - CONSTANT)))
+        gamma = REFERENCE * (top / PEAK) ** exponent / (1 - top / PEAK)
+        allowed = 1e2 * TOLERANCE * (gamma + REFERENCE)
+        assert points.get(state, "plastic_shear_strain")[i, 0] == pytest.approx(gamma, abs=allowed)
+        assert points.get(state, "plastic_dissipation")[i, 0] == pytest.approx(work, abs=2 * PRESSURE * allowed)
+        assert points.get(state, "plastic_volumetric_strain")[i, 0] == pytest.approx(volume, abs=allowed)
+        # the cohesion's part is far above what is allowed
+        assert weights @ (slope * m) * 0.5 * top / PEAK * cohesion > 50 * PRESSURE * allowed
+
+
 def test_unloading_and_reloading_are_elastic():
     """Inside the cone no plastic strain; back at the old stress ratio loading goes on where it was left."""
     points = Points(sliding_law(AT_REST, tolerance=TOLERANCE), ISOTROPIC)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from granfabric.dem_ref.measures.contacts import Contacts
 from granfabric.dem_ref.sample.disks import Sample, new_sample
 
 
@@ -30,3 +31,14 @@ def triangular_lattice(columns: int, rows: int, overlap: float, stiffness: float
     return new_sample(
         np.array(position) + 0.1, np.full(rows * columns, 0.5), cell, normal_stiffness=stiffness, stiffness_ratio=ratio
     )
+
+
+def contact_list(theta, normal_force=1.0, tangential_force=0.0, key=None) -> Contacts:
+    """Contacts made up from their directions and forces; lengths are 1, pairs are told by `key`."""
+    theta = np.asarray(theta, dtype=float)
+    identity = np.arange(len(theta)) if key is None else np.asarray(key)
+    normal, tangential = (np.broadcast_to(f, theta.shape).astype(float) for f in (normal_force, tangential_force))
+    return Contacts(
+        identity, identity + 1, np.zeros((len(theta), 2), np.int8), np.column_stack([np.cos(theta), np.sin(theta)]),
+        np.ones(len(theta)), normal, tangential, identity,
+    )  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from granfabric.dem_ref.dynamics.packing import PackingOptions
-from granfabric.dem_ref.loading.ensemble import for_seeds, scatter_at_stress_ratios, stored_packing
+from granfabric.dem_ref.ensemble import for_seeds, scatter_at_stress_ratios, stored_packing
 from granfabric.dem_ref.loading.path import biaxial_test
 from granfabric.dem_ref.loading.run import DemRun, RunOptions
 from granfabric.dem_ref.sample.disks import SampleError

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from fem_meshes import PLASTIC, distorted
 
+from granfabric.constitutive.effects import Effects
 from granfabric.constitutive.law import ContactLaw
-from granfabric.constitutive.parameters import Material
+from granfabric.constitutive.parameters import Closure, Material
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.checkpoint import KEPT, CheckpointError, CheckpointFolder
 from granfabric.fem.equilibrium.control import ControlError, StepControl
@@ -34,11 +35,50 @@ PROGRAMMES = {
         [-1e5, -1e5, 0.0],
     ),
 }
+PACKING = Material(coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9, peak_stress_ratio=0.35)
+REVERSALS = [
+    Stage("initial", [*HELD, *SIDES], 1),
+    Stage("press", [Displacement("top", "y", -5e-5)], 3),
+    # forces fall within a stage, and with them the residual that counts as zero
+    Stage("unload", [Displacement("top", "y", -1e-5), Pressure("left", 0.3e5), Pressure("right", 0.3e5)], 5),
+    Stage("turn", [Displacement("top", "x", 4e-5)], 2),
+    Stage("turn back", [Displacement("top", "x", -2e-5), Displacement("top", "y", 0.0)], 3),
+    # the top is let go sideways and the pressures are not named: reactions and forces fade
+    Stage("release", [Fixed("bottom"), Displacement("top", "y", -1e-5)], 3, keep=False),
+]
+AWAY_AND_BACK = {
+    "plastic": (
+        PLASTIC,
+        [
+            Stage("press", [Fixed("bottom"), Displacement("top", "y", -0.02)], 3),
+            Stage("unload", [Displacement("top", "y", -0.016)], 4),
+            Stage("pull", [Displacement("top", "y", 0.0), Displacement("top", "x", 0.01)], 3),
+            Stage("release", [Fixed("bottom"), Fixed("top", ("y",))], 3, keep=False),
+        ],
+        None,
+    ),
+    "grains": (GRAINS, REVERSALS[:-1], [-1e5, -1e5, 0.0]),
+    "grains released": (GRAINS, [*REVERSALS[:3], REVERSALS[-1]], [-1e5, -1e5, 0.0]),
+    "shifted": (
+        ContactLaw([PACKING], Closure(force_change="shifted_distribution")), REVERSALS[:-1], [-1e5, -1e5, 0.0],
+    ),
+    "sliding": (ContactLaw([PACKING], effects=Effects(sliding=True)), REVERSALS[:-1], [-1e5, -1e5, 0.0]),
+    "one way": (
+        ContactLaw([PACKING], effects=Effects(stiffness_feedback=False)), REVERSALS, [-1e5, -1e5, 0.0],
+    ),
+    # stress that no load balances: forces of reference take part in every stage
+    "balanced": (GRAINS, [Stage("initial", [*HELD]), *REVERSALS[1:4]], [-1e5, -0.8e5, 0.1e5]),
+    "one way, balanced": (
+        ContactLaw([PACKING], effects=Effects(stiffness_feedback=False)),
+        [Stage("initial", [*HELD]), *REVERSALS[1:4]], [-1e5, -0.8e5, 0.1e5],
+    ),
+}  # fmt: skip
 
 
-def problem(name: str, n: int = 4) -> Problem:
-    law, stages, stress = PROGRAMMES[name]
-    return Problem(Space(distorted("P2", n), "P2"), law, stages, stress)
+def problem(name: str, n: int = 4, programmes: dict = PROGRAMMES) -> Problem:
+    law, stages, stress = programmes[name]
+    space = Space(distorted("P2", n), "P2")
+    return Problem(space, law, stages, stress, balance_initial_stress="balanced" in name)
 
 
 def same(first, second) -> None:
@@ -75,6 +115,46 @@ def test_the_same_bits_follow_from_every_checkpoint(name, solver, tmp_path):
         assert len(again) == len(whole) - number - 1
         for ours, theirs in zip(again, whole[number + 1 :]):
             same(ours, theirs)
+
+
+@pytest.mark.parametrize("name", AWAY_AND_BACK)
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
+def test_the_same_bits_follow_while_forces_fall_turn_and_fade(name, tolerance, tmp_path):
+    """Unloading, turned loads, released boundaries; loose tolerances, so that every number of the memory decides."""
+    control = StepControl(tolerance=tolerance, first_factor=0.5, easy_iterations=3)
+    store = CheckpointFolder(tmp_path, "mine")
+    whole, loaded = [], []
+
+    def save(checkpoint) -> None:
+        store.save(checkpoint)
+        loaded.append(store.read(store.files()[-1]))
+        remembered(loaded[-1].memory, checkpoint.memory)
+
+    summary = solve(problem(name, 2, AWAY_AND_BACK), control, on_step=whole.append, on_checkpoint=save)
+    assert summary.finished, summary.message
+    assert len(loaded) == len(whole) >= 9
+    for number, checkpoint in enumerate(loaded):
+        same(checkpoint.result, whole[number])
+        again: list = []
+        later = iter(loaded[number + 1 :])
+        end = solve(
+            problem(name, 2, AWAY_AND_BACK), control, on_step=again.append, resume=checkpoint,
+            on_checkpoint=lambda made, later=later: remembered(made.memory, next(later).memory),
+        )  # fmt: skip
+        assert end.finished and end.counters == summary.counters
+        assert len(again) == len(whole) - number - 1
+        for ours, theirs in zip(again, whole[number + 1 :]):
+            same(ours, theirs)
+
+
+def remembered(ours, theirs) -> None:
+    """What solvers remember is the same to the last bit; times are not."""
+    assert ours.tangent.tobytes() == theirs.tangent.tobytes()
+    assert (ours.last_increment, ours.force_scale) == (theirs.last_increment, theirs.force_scale)
+    assert (ours.last_correction is None) == (theirs.last_correction is None)
+    if ours.last_correction is not None:
+        assert ours.last_correction.tobytes() == theirs.last_correction.tobytes()
+    assert ours.counters == theirs.counters
 
 
 @pytest.fixture(scope="module")

@@ -126,7 +126,7 @@ def bad_files(folder):
     yield write(folder / "solid.msh", solid, [("tetra", [[0, 1, 2, 4]], 3)], {"body": (3, 3)}), "not a plane mesh"
     mixed = np.vstack([SQUARE, [[2.0, 0.0]]])
     cells = [("quad", [[0, 1, 2, 3]], 3), ("triangle", [[1, 4, 2]], 3)]
-    yield write(folder / "mixed.msh", mixed, cells, body), "mixes element types"
+    yield write(folder / "mixed.msh", mixed, cells, body), "mixes 1 triangles and 1 quadrilaterals"
     yield write(folder / "lines.msh", SQUARE, [("line", [[0, 1]], 1)], {"bottom": (1, 1)}), "no triangles or quad"
     curved = np.vstack([SQUARE[:3], [[0.5, 0.1], [1.0, 0.5], [0.9, 0.9]]])
     cells = [("triangle6", [[0, 1, 2, 3, 4, 5]], 3)]

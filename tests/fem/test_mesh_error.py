@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fem_meshes import ELEMENTS, cell_of, distorted
+from fem_patches import corner_shares, fit, graded
 
+from granfabric.fem.discretisation import mesh_error
 from granfabric.fem.discretisation.mesh_error import stress_error
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.mesh.host_mesh import rectangle
@@ -64,3 +66,53 @@ def test_smooth_stresses_are_recovered_with_one_order_more(element):
     # noise of a tenth is mostly seen: a patch of six cells keeps a part of it
     added = 0.1 * np.linalg.norm(rough) / np.linalg.norm(smooth)
     assert 0.5 * added < stress_error(space, smooth + 0.1 * rough).relative < added
+
+
+def blended(space: Space, stress: np.ndarray) -> np.ndarray:
+    """Recovered stress, vertex by vertex and point by point."""
+    corners, shares = space.host_mesh.mesh.t.T, corner_shares(space)
+    recovered = np.zeros_like(stress)
+    for vertex in range(space.host_mesh.mesh.p.shape[1]):
+        cells = np.flatnonzero((corners == vertex).any(axis=1))
+        polynomial, determined = fit(space, cells, stress, space.order, least=1e-4)
+        while not determined:
+            around = np.unique(corners[cells])
+            cells = np.flatnonzero(np.isin(corners, around).any(axis=1))
+            polynomial, determined = fit(space, cells, stress, space.order, least=1e-4)
+        for place in range(corners.shape[1]):
+            own = corners[space.point_cell, place] == vertex
+            recovered[own] += shares[own, place, None] * polynomial(space.points[own])
+    return recovered
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+@pytest.mark.parametrize("mesh", [distorted, graded])
+def test_the_estimate_against_patches_written_out(element, mesh):
+    """Any stress, so that the patches differ and every blending function, weight and term tells."""
+    space = Space(mesh(element, 4), element)
+    x, y = space.points.T
+    smooth = np.stack([x**2, x * y**2, np.sin(4 * x)], axis=1)
+    stress = smooth + np.random.default_rng(3).normal(size=(space.npoints, 3))
+    found = stress_error(space, stress)
+    recovered = blended(space, stress)
+    whole = _norm(space, recovered)
+    assert found.relative == pytest.approx(_norm(space, recovered - stress) / whole, rel=1e-8)
+    for cell in range(space.nelements):
+        own = space.point_cell == cell
+        share = np.sqrt(space.weights[own] @ np.sum((recovered - stress)[own] ** 2, axis=1)) / whole
+        assert found.of_cells[cell] == pytest.approx(share, rel=1e-8)
+
+
+def _norm(space: Space, values: np.ndarray) -> float:
+    return float(np.sqrt(space.weights @ np.sum(values**2, axis=1)))
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_blending_functions_belong_to_their_corners(element):
+    """They add up to one, and corners weighted with them give the integration points back."""
+    space = Space(rectangle(2.0, 1.0, 3, 2, cell_of(element)), element)
+    hats = mesh_error._Patches(space, None)._hats()
+    corners = space.host_mesh.mesh.p.T[space.host_mesh.mesh.t.T]
+    places = np.einsum("qc,eci->eqi", hats, corners).reshape(-1, 2)
+    np.testing.assert_allclose(places, space.points, atol=1e-14)
+    np.testing.assert_allclose(hats.sum(axis=1), 1.0, atol=1e-14)

@@ -188,3 +188,18 @@ def test_linear_elasticity_in_one_solve(space):
     solve(Problem(space, ELASTIC, stages), StepControl(tolerance=1e-13), on_step=theirs.append)
     for our, their in zip(steps, theirs):
         np.testing.assert_allclose(our.displacement, their.displacement, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("feedback", [False, True])
+def test_points_whose_rates_are_clipped_are_counted(space, feedback):
+    """a_n = 2 q/p passes its limit in some points, in a run with one solve a stage as in one step by step."""
+    grains = replace(GRAINS, force_anisotropy_ratio=2.0)
+    law = ContactLaw([grains], effects=Effects(stiffness_feedback=feedback))
+    stages = [STAGES[0], Stage("press", [Displacement("top", "y", -3e-4)], 30)]
+    steps: list = []
+    summary = solve(Problem(space, law, stages, START), StepControl(), on_step=steps.append)
+    assert summary.finished, summary.message
+    counted = [step.limited for step in steps]
+    assert counted == [int(np.count_nonzero(step.status == Status.LIMITED)) for step in steps]
+    assert counted[0] == 0 and any(0 < number < space.npoints for number in counted)
+    assert all(step.substeps >= space.npoints for step in steps[2:])

@@ -15,6 +15,7 @@ from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
 from granfabric.constitutive.contract import LawDescription, Variable
+from granfabric.fem.discretisation.projection import Projection
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.loads.kinds import Displacement, Fixed, Stage
 from granfabric.fem.output.fields import FieldWriter, OutputError, padded_tensor, point_fields
@@ -77,7 +78,18 @@ def test_every_file_of_both_series_reads_back(element, tmp_path):
         np.testing.assert_array_equal(array(cloud, "strain")[:, 1], 0.5 * step.strain[:, 2])
         np.testing.assert_array_equal(array(cloud, "plastic_strain"), step.state[:, 1])
         np.testing.assert_array_equal(array(cloud, "status"), 0)
-        assert array(cloud, "displacement").shape == (space.npoints, 3)
+        moved = array(cloud, "displacement")
+        np.testing.assert_allclose(moved[:, :2], space.interpolate(nodal(step)), atol=1e-15)
+        assert not moved[:, 2].any()
+        # of the nodes, what is projected
+        recover = Projection(space)
+        np.testing.assert_allclose(array(grid, "stress")[:, [0, 4, 1, 3]], recover(step.stress)[:, [0, 1, 2, 2]])
+        strain = recover(step.strain) * [1.0, 1.0, 0.5]
+        np.testing.assert_allclose(array(grid, "strain")[:, [0, 4, 1, 3]], strain[:, [0, 1, 2, 2]], atol=1e-15)
+        names = {"stress", "strain", "displacement", *(variable.name for variable in PLASTIC.description.state)}
+        for data, more in ((grid, set()), (cloud, {"status"})):
+            arrays = data.GetPointData()
+            assert {arrays.GetArrayName(place) for place in range(arrays.GetNumberOfArrays())} == names | more
     assert not [name for name in os.listdir(writer.folder) if name.startswith(".")]
 
 

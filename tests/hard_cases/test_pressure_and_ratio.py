@@ -266,7 +266,8 @@ def test_ten_times_the_whole_test_in_one_increment(closure: Closure, integration
 @pytest.mark.parametrize("closure", EVERY)
 def test_stress_ratios_beyond_one(closure: Closure, integration: Integration) -> None:
     """To q/p = 1.5, along x and turned: beyond |a_n| = 0.98 rates are clipped, and every such point says so. Shifted
-    weak forces are not clipped: their density is positive whatever a_n.
+    weak forces are not clipped: their density is positive whatever a_n. The three directions lose the same share and,
+    where the law refuses to go on, end at the same ratio, whatever axis the principal direction lies on.
     """
     law = law_or_skip(closure, integration, materials=[material(force_anisotropy_ratio=1.1)])
     ends = stress_of(PRESSURE, 1.5 * np.cos([0.0, 1.0, 2.0]), 1.5 * np.sin([0.0, 1.0, 2.0]))
@@ -277,8 +278,13 @@ def test_stress_ratios_beyond_one(closure: Closure, integration: Integration) ->
     if is_mean_field(closure):
         beyond = trail.ratio[-1] * 1.1 > 0.98
         assert (trail.status[-1][alive & beyond] == Status.LIMITED).all()
-    z = trail.get("coordination")[-1]
-    assert np.ptp(z[alive]) < 1e-6 * 4.06 + accuracy(integration) if alive.all() else True
+    np.testing.assert_array_equal(trail.status, trail.status[:, :1].repeat(3, axis=1))
+    followed = (trail.status <= Status.LIMITED).all(axis=1)
+    # 31 steps to the end at most; everybody is refused beyond q/p = 0.6 at the earliest
+    assert followed.sum() > 12
+    z = trail.get("coordination")[followed]
+    assert z[-1].max() < 0.9 * 4.06
+    assert np.ptp(z, axis=1).max() < 1e-6 * 4.06 + accuracy(integration)
 
 
 def trails_of(law: ContactLaw) -> Trail:

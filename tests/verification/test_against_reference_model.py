@@ -64,7 +64,18 @@ def test_stiffness_from_contact_directions():
 
 def test_where_the_stiffness_is_positive_definite():
     """Bounded fabric alone does not make it so: for kt = 0 and |a_c| > sqrt 2 the harmonic estimate is indefinite."""
-    packing = material(stiffness_ratio=0.0)
+    closure = CLOSURES[1]
+    assert closure.distribution == "maximum_entropy"
     for size, definite in ((1.40, True), (1.43, False)):
-        c = reference_model.stiffness(packing, 4.0, (size, 0.0))
-        assert (np.linalg.eigvalsh(c).min() > 0) == definite
+        for direction in (0.0, 1.0, 2.5):
+            fabric = (size * np.cos(direction), size * np.sin(direction))
+            packing = material(stiffness_ratio=0.0, initial_fabric_xx=fabric[0], initial_fabric_xy=fabric[1])
+            points = Points(law(closure=closure, materials=[packing]), (-PRESSURE, -PRESSURE, 0.0))
+            tangent = points.update((0.0, 0.0, 0.0), "elastic")[2][0]
+            expected = reference_model.stiffness(packing, packing.coordination, fabric)
+            assert tangent == pytest.approx(expected, rel=1e-12, abs=1.0)
+            np.testing.assert_allclose(tangent, tangent.T, rtol=1e-12, atol=1.0)
+            smallest = np.linalg.eigvalsh(tangent).min()
+            assert (smallest > 0) == definite
+            # K G = (z phi kn)^2/(8 pi^2) against (z phi kn a_c/4 pi)^2: they cross at |a_c| = sqrt 2
+            assert abs(smallest) > 1e-3 * np.abs(tangent).max()
