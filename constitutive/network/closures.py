@@ -2,7 +2,8 @@
 
 A closure is a file that answers the questions below by functions of these names, and a named tuple of its numbers by
 whose type the compiler knows whom to ask; what it does not answer is answered by `at_rest`. A new one is such a file
-and a line in `CLOSURES`; nothing of a closure that a law does not use is compiled. See docs/reference/kernels.md for an example.
+and a line in `CLOSURES`; nothing of a closure that a law does not use is compiled. docs/reference/kernels.md has an
+example.
 """
 
 from collections.abc import Callable
