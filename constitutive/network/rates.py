@@ -66,8 +66,10 @@ def rates(closure, point, stress, rate, network, guess, strain, with_derivatives
     n1 = point.start_n1 + point.c_n * (s1 - point.start_s1)
     n2 = point.start_n2 + point.c_n * (s2 - point.start_s2)
     square = n1 * n1 + n2 * n2
-    over = square > LARGEST_FORCE_ANISOTROPY * LARGEST_FORCE_ANISOTROPY
-    limit = choose(over, LARGEST_FORCE_ANISOTROPY / math.sqrt(choose(over, square, 1.0)), 1.0)
+    # without loss and gain there is nothing that a_n could clip
+    largest = LARGEST_FORCE_ANISOTROPY if closure.loss or closure.gain else 1e150
+    over = square > largest * largest
+    limit = choose(over, largest / math.sqrt(choose(over, square, 1.0)), 1.0)
     n1, n2 = n1 * limit, n2 * limit
     force = point.force_scale * stress[0] / z
     room = larger(point.neighbours - z, 0.0)
