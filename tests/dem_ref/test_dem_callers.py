@@ -334,3 +334,10 @@ def test_an_interrupted_motion_is_whole():
         assert np.array_equal(motion.stress, expected.stress)
         assert np.array_equal(sample.pairs.tangential, expected.sample.pairs.tangential)
     assert caught == 20
+
+
+def test_no_two_kernels_share_stored_code():
+    """What is stored under one name would be loaded for the other: code for several threads where one is wanted."""
+    kernels = (*KERNELS, stepping.advance_two_threads)
+    places = {(kernel._cache.cache_path, kernel.py_func.__qualname__) for kernel in kernels}
+    assert len(places) == len(kernels)
