@@ -9,6 +9,8 @@ The product ``a_c.a_n/2``, which the source drops, is 2 % at q/p = 0.3. For the 
 
     mu = (1 - a_c.(a_c + a_t)/2)/(1 - s.a_c),      A = 2 s mu - a_t
 
+It has a solution of forces that push where ``s.a_c`` is below one and ``mu`` above zero.
+
 For "self_consistent" a_n is proportional to s and ``A = a_n + a_c``. The mean change of force in a direction is
 ``dF = dlnp + (a_n dlnp + dA).e`` in both.
 """
@@ -106,7 +108,7 @@ def initial_force_fabric(stress_ratio, fabric, c_t, k, normal, tangential, mu):
         s1, s2, a1, a2 = stress_ratio[i, 0], stress_ratio[i, 1], fabric[i, 0], fabric[i, 1]
         (t1, t2), _, _ = tangential_force(s1, s2, 0.0, c_t, k, 0.0)
         (carried1, carried2), mean, _, margin = carried_force(s1, s2, a1, a2, t1, t2)
-        if not margin > LEAST_MARGIN:
+        if not (margin > LEAST_MARGIN and mean > 0.0):
             mu[i] = math.nan
             continue
         normal[i, 0], normal[i, 1] = carried1 - a1, carried2 - a2

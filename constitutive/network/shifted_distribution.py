@@ -138,7 +138,7 @@ def network_of(state, stress_ratio, y, guess, origin, p0, normal, c_n, closure, 
     Returns
     -------
     found : bool
-        False if there is no X_1.
+        False if there is no X_1, or the mean force would pull.
     network : tuple of 5 floats
         z, a_c (2), X_1 (2).
     changes : tuple of 3 tuples of 6 floats
@@ -246,6 +246,8 @@ def network_of(state, stress_ratio, y, guess, origin, p0, normal, c_n, closure, 
     if not closure.frictional:
         b1, b2 = normal[0] * e1 + normal[1] * e2 + a1, normal[1] * e1 - normal[0] * e2 + a2
         mu = 1.0 + 0.0 * a1
+    # the mean force is p/(z mu): it pushes
+    found = found & (mu > 0.0)
     # back to the fixed axes
     z0 = origin[0]
     back = (e1, -e2)
