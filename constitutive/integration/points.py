@@ -153,8 +153,12 @@ def accept(block, flow, here, network, next_flow, final, closure, options, b, sl
 
 
 @formula
-def finish(block, point, flow, here, closure, options, slide, rule, lanes):
-    """End values of all lanes into `block.ends`; what has been given as stress is met exactly."""
+def finish(block, point, flow, here, moved, closure, options, slide, rule, lanes):
+    """End values of all lanes into `block.ends`; what has been given as stress is met exactly.
+
+    `moved` says that the unknowns have changed since the network `here` was found: by the return to the cone, or by the
+    last pass over an implicit stage.
+    """
     p, t1, t2 = read(block["y"], 0, lanes), read(block["y"], 1, lanes), read(block["y"], 2, lanes)
     xx, yy, xy = components(p, t1, t2)
     if options.mixed:
@@ -163,8 +167,7 @@ def finish(block, point, flow, here, closure, options, slide, rule, lanes):
         yy = choose(stressed[1], read(block["inputs"], IN_STRESS + 1, lanes) + given[1], yy)
         xy = choose(stressed[2], read(block["inputs"], IN_STRESS + 2, lanes) + given[2], xy)
     solved = p == p
-    if options.sliding:
-        # the return to the cone has moved the stress since the last stage
+    if moved:
         p, t1, t2 = -0.5 * (xx + yy), -0.5 * (xx - yy), -xy
         inverse, turns = 1.0 / p, 1.0 if options.rotation else 0.0
         stress = (p, inverse, t1 * inverse, turns * t2 * inverse, flow.largest)
@@ -190,6 +193,7 @@ def advance_points(first, end, lanes, block, call, closure, options, numerics, s
     """`update_points` with its arrays at hand: records `block` and `slide`."""
     a, b, error = scheme
     width, kind = len(lanes), numerics.tangent_kind
+    moved = options.sliding or a[a.shape[0] - 1, a.shape[0] - 1] != 0.0
     point_of, last = block["point_of"], block["last"]
     fill_idle(block)
     tolerance = ROUNDING
@@ -237,7 +241,7 @@ def advance_points(first, end, lanes, block, call, closure, options, numerics, s
                 arrived = arrived or (last[lane] > 0 and block["accepted"][0, lane] > 0.5)
         flow, here = accept(block, flow, here, network, next_flow, final, closure, options, b, slide, lanes)
         if arrived:
-            finish(block, point, flow, here, closure, options, slide, rule, lanes)
+            finish(block, point, flow, here, moved, closure, options, slide, rule, lanes)
         for lane in range(width):
             number = point_of[lane]
             if number < 0:
