@@ -11,7 +11,7 @@ from granfabric.constitutive.sliding.substep import kappa_error
 from granfabric.constitutive.stiffness import components, strain_invariants, stress_rate
 
 from .runge_kutta import LARGEST_CHANGE, MAX_FACTOR, MIN_FACTOR, SAFETY
-from .stage import RATES, STRAIN
+from .stage import RATES, STRAIN, UNKNOWNS
 
 _LIMITED = float(Status.LIMITED)
 _NO_PRESSURE = float(Status.NO_PRESSURE)
@@ -21,13 +21,26 @@ _NOT_ADMISSIBLE = float(Status.NOT_ADMISSIBLE)
 @formula
 def advance(trial, y, k, step, stages, coefficients, rows, lanes):
     """trial = y + h sum c_m K_m in the first `rows` rows, over the first `stages` stages."""
-    for row in range(rows):
-        total = 0.0 * step
+    # six rows at a time: the unknowns, or a column of their derivatives
+    for first in range(0, rows, UNKNOWNS):
+        t0, t1, t2 = 0.0 * step, 0.0 * step, 0.0 * step
+        t3, t4, t5 = t0, t1, t2
         for m in range(stages):
+            c, row = coefficients[m], m * RATES + first
             # stages without weight may hold no derivatives
-            if coefficients[m] != 0.0:
-                total += coefficients[m] * read(k, m * RATES + row, lanes)
-        write(trial, row, read(y, row, lanes) + step * total, lanes)
+            if c != 0.0:
+                t0 += c * read(k, row, lanes)
+                t1 += c * read(k, row + 1, lanes)
+                t2 += c * read(k, row + 2, lanes)
+                t3 += c * read(k, row + 3, lanes)
+                t4 += c * read(k, row + 4, lanes)
+                t5 += c * read(k, row + 5, lanes)
+        write(trial, first, read(y, first, lanes) + step * t0, lanes)
+        write(trial, first + 1, read(y, first + 1, lanes) + step * t1, lanes)
+        write(trial, first + 2, read(y, first + 2, lanes) + step * t2, lanes)
+        write(trial, first + 3, read(y, first + 3, lanes) + step * t3, lanes)
+        write(trial, first + 4, read(y, first + 4, lanes) + step * t4, lanes)
+        write(trial, first + 5, read(y, first + 5, lanes) + step * t5, lanes)
 
 
 @formula
@@ -57,7 +70,7 @@ def estimate_error(block, closure, error, tolerance, z, stiffness, options, floo
 
     Parameters
     ----------
-    block : Block
+    block : record
         With start, end and stages of the substep; its rows `measure` and `worst` are written.
     closure : named tuple
     error : ndarray
