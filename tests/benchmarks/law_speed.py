@@ -2,8 +2,9 @@
 
     NUMBA_NUM_THREADS=1 python tests/benchmarks/law_speed.py OTHER_CHECKOUT [--points N] [--rounds N] [ROW ...]
 
-Microseconds of the processor a point and update with tangent, medians over the rounds: strain increments of size 1e-6 and 1e-5 from the
-initial state, and of 1e-5 after four of 5e-6; random points up to q/p = 0.4 at kn/p = 1e4, tolerance 1e-6, one thread.
+Microseconds of the processor a point and update with tangent, medians over the rounds: strain increments of size 1e-6
+and 1e-5 from the initial state, and of 1e-5 after four of 5e-6; random points up to q/p = 0.4 at kn/p = 1e4, tolerance
+1e-6, one thread.
 The other checkout may be one in which the rooms lie directly on the path. In each round every row is timed in one
 process right after the other, so that whatever else the machine does falls on both alike. Without a checkout, this
 build alone.
@@ -88,7 +89,9 @@ class Row:
         out = []
         for increment, stress, state in self.starts:
             # the other build has had the caches meanwhile
-            self.law.update(increment[:200], stress[:200], state[:200], self.end[:200], self.after[:200], self.tangent[:200])
+            few = slice(200)
+            outputs = self.end[few], self.after[few], self.tangent[few]
+            self.law.update(increment[few], stress[few], state[few], *outputs)
             begin = time.thread_time()
             self.law.update(increment, stress, state, self.end, self.after, self.tangent)
             out.append((time.thread_time() - begin) / len(stress))
