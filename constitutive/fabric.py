@@ -9,49 +9,62 @@
 
 import math
 
-from .compilation import compiled
+from granfabric.constitutive.lanes.eight import choose, somewhere
+from granfabric.constitutive.lanes.elementary import exponential, larger
+
+from .compilation import formula
 
 
-@compiled()
+@formula
 def scaled_bessel_zero(k):
     """exp(-k) I0(k) for k >= 0, to rounding: power series up to k = 18, asymptotic series beyond."""
-    if k <= 18.0:
-        quarter = 0.25 * k * k
-        term, total = 1.0, 1.0
-        j = 1
-        while term > 1e-17 * total:
-            term *= quarter / (j * j)
-            total += term
-            j += 1
-        return total * math.exp(-k)
-    term, total = 1.0, 1.0
-    for j in range(1, 40):
-        factor = (2.0 * j - 1.0) ** 2 / (8.0 * k * j)
-        if factor >= 1.0 or term < 1e-17:
+    near = k <= 18.0
+    quarter = choose(near, 0.25 * k * k, 0.0)
+    term, total = 1.0 + 0.0 * quarter, 1.0 + 0.0 * quarter
+    j = 1.0
+    while True:
+        going = term > 1e-17 * total
+        if not somewhere(going):
             break
-        term *= factor
-        total += term
-    return total / math.sqrt(2.0 * math.pi * k)
+        term = choose(going, term * (quarter / (j * j)), term)
+        total = choose(going, total + term, total)
+        j += 1.0
+    series = total * exponential(-choose(near, k, 0.0))
+    if not somewhere(k > 18.0):
+        return series
+    far = choose(near, 18.0, k)
+    term, total = 1.0 + 0.0 * far, 1.0 + 0.0 * far
+    going = far > 0.0
+    for j in range(1, 40):
+        factor = (2.0 * j - 1.0) * (2.0 * j - 1.0) / (8.0 * j) / far
+        going = going & (factor < 1.0) & (term >= 1e-17)
+        if not somewhere(going):
+            break
+        term = choose(going, term * factor, term)
+        total = choose(going, total + term, total)
+    return choose(near, series, total / (math.sqrt(2.0 * math.pi) * math.sqrt(far)))
 
 
-@compiled()
+@formula
 def bessel_ratio(k):
-    """I1(k)/I0(k) for k >= 0, by its continued fraction evaluated backwards."""
-    if k > 1e8:
-        return 1.0 - 0.5 / k
-    depth = 24 + int(6.0 * math.sqrt(k)) if k < 400.0 else 0
-    if depth > 0:
-        # the tail starts at its own limit, so that large k needs no more terms than stated
-        n = depth + 1
-        ratio = k / (n + math.sqrt(n * n + k * k))
-        for j in range(depth, 0, -1):
-            ratio = 1.0 / (2.0 * j / k + ratio) if k > 0.0 else 0.0
-        return ratio
-    x = 1.0 / k
-    return 1.0 - x * (0.5 + x * (0.125 + x * (0.125 + x * (25.0 / 128.0 + x * (13.0 / 32.0)))))
+    """I1(k)/I0(k) for k >= 0: by its continued fraction evaluated backwards, by an asymptotic series from 400 on."""
+    near = k < 400.0
+    small = choose(near, larger(k, 1e-300), 1.0)
+    depth = 24.0 + 6.0 * math.sqrt(small)
+    # the tail starts at its own limit, so that large k needs no more terms than stated
+    n = depth + 1.0
+    ratio = small / (n + math.sqrt(n * n + small * small))
+    twice = 2.0 / small
+    for j in range(144, 0, -1):
+        going = depth >= j
+        if somewhere(going):
+            ratio = choose(going, 1.0 / (twice * float(j) + ratio), ratio)
+    x = 1.0 / choose(near, 400.0, k)
+    series = 1.0 - x * (0.5 + x * (0.125 + x * (0.125 + x * (25.0 / 128.0 + x * (13.0 / 32.0)))))
+    return choose(near, ratio, series)
 
 
-@compiled()
+@formula
 def concentration(anisotropy):
     """Concentration k with 2 I1(k)/I0(k) = |a_c|.
 
@@ -67,19 +80,20 @@ def concentration(anisotropy):
         d k/d |a_c|.
     """
     r = 0.5 * anisotropy
-    if r < 1e-8:
-        return 2.0 * r, 1.0
-    k = r * (2.0 - r * r) / (1.0 - r * r)
-    slope = 1.0
+    tiny = r < 1e-8
+    target = choose(tiny, 0.1, r)
+    k = target * (2.0 - target * target) / (1.0 - target * target)
+    slope = 1.0 + 0.0 * k
+    going = k > 0.0
     for _ in range(50):
         ratio = bessel_ratio(k)
-        slope = 1.0 - ratio / k - ratio * ratio
-        if k > 1e4:
-            # 1 - A/k - A^2 cancels; its expansion does not
-            slope = 0.5 / (k * k) * (1.0 + 0.5 / k)
-        step = (ratio - r) / slope
+        # 1 - A/k - A^2 cancels for large k; its expansion does not
+        now = choose(k > 1e4, 0.5 / (k * k) * (1.0 + 0.5 / k), 1.0 - ratio / k - ratio * ratio)
+        slope = choose(going, now, slope)
+        step = (ratio - target) / slope
         # stay positive whatever the start
-        k = k - step if k - step > 0.1 * k else 0.1 * k
-        if abs(step) <= 4e-16 * k:
+        k = choose(going, larger(k - step, 0.1 * k), k)
+        going = going & (abs(step) > 4e-16 * k)
+        if not somewhere(going):
             break
-    return k, 0.5 / slope
+    return choose(tiny, 2.0 * r, k), choose(tiny, 1.0, 0.5 / slope)

@@ -8,34 +8,28 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from granfabric.constitutive.integration.points import (
+from granfabric.constitutive.integration.lane import (
     TANGENT_CONTINUUM,
     TANGENT_ELASTIC,
     TANGENT_NONE,
     TANGENT_PROPAGATED,
-    smallest_step_factor,
-    update_points,
+    Call,
+    Numerics,
 )
-from granfabric.constitutive.lanes.layout import (
-    CLOSURE_FRICTIONAL,
-    FLUCTUATING,
-    HARMONIC,
-    MAXIMUM_ENTROPY,
-    MEAN_FIELD,
-    NEGLECTED,
-    SELF_CONSISTENT,
-    SHIFTED_DISTRIBUTION,
-)
-from granfabric.constitutive.lanes.load import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
-from granfabric.constitutive.lanes.runge_kutta import TABLEAUS
+from granfabric.constitutive.integration.points import smallest_step_factor, update_points
+from granfabric.constitutive.integration.runge_kutta import TABLEAUS, ending_at_the_end
+from granfabric.constitutive.lanes.eight import LANES_OF_KERNELS
 from granfabric.constitutive.network.force_fabric import initial_force_fabric
+from granfabric.constitutive.network.point import Options
+from granfabric.constitutive.network.rates import MeanField
+from granfabric.constitutive.network.weak_force_state import ShiftedDistribution
 from granfabric.constitutive.sliding.checks import check_sliding, initial_hardening
 
 from .arrays import ALL_STRESS, finite, stress_and_index, update_arrays
 from .contract import Array, LawDescription, TangentKind, UpdateReport
 from .effects import Effects
+from .material_table import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
 from .parameters import (
-    CLOSURE_NUMBERS,
     Closure,
     Integration,
     Material,
@@ -53,14 +47,7 @@ _TANGENTS = {
     "elastic": TANGENT_ELASTIC,
 }
 
-_FORCE_CHANGE = {
-    "mean_field": MEAN_FIELD,
-    "fluctuating": FLUCTUATING,
-    "shifted_distribution": SHIFTED_DISTRIBUTION,
-}
-_TANGENTIAL = {"neglected": NEGLECTED, "self_consistent": SELF_CONSISTENT, "frictional": CLOSURE_FRICTIONAL}
-
-_NO_CONTROL, _NO_STRAIN = np.zeros((1, 3), dtype=np.uint8), np.zeros((0, 3))
+_NO_CONTROL, _NO_STRAIN = np.zeros((0, 3), dtype=np.uint8), np.zeros((0, 3))
 
 _COMFORTABLE_SUBSTEPS = 20
 """Substeps per increment above which the report proposes no larger step."""
@@ -114,40 +101,56 @@ class ContactLaw:
         self._variables = state_variables(self.effects, shifted)
         self._micro = micro_of_columns(self._variables)
         self._nstate = len(self._micro)
-        self._options = np.array(
-            [
-                self.effects.contact_loss,
-                self.effects.contact_gain,
-                self.effects.principal_rotation,
-                self.effects.stiffness_feedback or not self.effects.network_changes,
-                _TANGENTIAL[self.closure.tangential_rule],
-                MAXIMUM_ENTROPY if entropy else HARMONIC,
-                self.integration.arc_integration == "closed_form",
-                _FORCE_CHANGE[self.closure.force_change] if self.effects.network_changes else MEAN_FIELD,
-                self.closure.shear_stiffness == "isostatic",
-                self.effects.sliding,
-            ],
-            dtype=np.int64,
+        follow = self.effects.stiffness_feedback or not self.effects.network_changes
+        self._options = Options(
+            loss=self.effects.contact_loss,
+            gain=self.effects.contact_gain,
+            rotation=self.effects.principal_rotation,
+            feedback=follow,
+            isostatic=self.closure.shear_stiffness == "isostatic",
+            limited=not entropy and not shifted,
+            sliding=self.effects.sliding,
+            mixed=False,
+            derivatives=False,
         )
-        self._tableau = TABLEAUS[self.integration.integrator]
-        self._numerics = np.array(
-            [self.integration.tolerance, self.integration.substeps, self.integration.maximum_substeps], dtype=np.float64
-        )
-        numbers = {name: float(getattr(self.closure, name)) for name in CLOSURE_NUMBERS}
-        if not self.effects.irreversible_spread:
-            numbers["irreversible_scatter"] = 0.0
-        self._numbers = np.array(list(numbers.values()))
+        self._kernel_closure = self._closure_of_kernels(entropy)
+        tableau = TABLEAUS[self.integration.integrator]
+        # the return to the cone moves the end of a substep, so that nothing is gained by a stage there
+        self._tableau = tableau if self.effects.sliding else ending_at_the_end(tableau)
+        # equally spaced over the circle, and over half of it: there twelve of the whole circle at least
         around = max(8, self.integration.directions // 2)
         circle = 2.0 * np.pi * np.arange(around) / around
+        along = (max(12, around) + 1) // 2
+        half = np.pi * (np.arange(along) + 0.5) / along
         nodes, weights = np.polynomial.legendre.leggauss(self.integration.directions)
-        self._constants = (
-            self._table,
-            self._micro,
-            self._options,
-            self._numbers,
-            (self._tableau.a, self._tableau.b, self._tableau.error, self._tableau.error_order),
-            self._numerics,
-            (nodes, weights, np.cos(circle), np.sin(circle)),
+        self._rule = (nodes, weights, np.cos(circle), np.sin(circle), np.cos(half))
+
+    def _closure_of_kernels(self, entropy: bool) -> MeanField | ShiftedDistribution:
+        """Numbers of the closure, of the type for which a kernel is compiled."""
+        closure = self.closure
+        if closure.force_change == "shifted_distribution" and self.effects.network_changes:
+            return ShiftedDistribution(
+                frictional=closure.tangential_rule == "frictional",
+                chi=float(closure.weak_contact_ratio),
+                chi_p=float(closure.weak_contact_ratio_isotropic),
+                c_e=float(closure.elastic_scatter),
+                c_p=float(closure.elastic_scatter_isotropic),
+                c_i=float(closure.irreversible_scatter) if self.effects.irreversible_spread else 0.0,
+                c_t=float(closure.tangential_force_ratio),
+                slip=float(closure.slip),
+                delay=float(closure.slip_delay),
+            )
+        # a network that cannot change needs no more than a closure without loss and gain
+        scattered = closure.force_change == "fluctuating" and self.effects.network_changes
+        return MeanField(
+            loss=self.effects.contact_loss,
+            gain=self.effects.contact_gain,
+            self_consistent=closure.tangential_rule == "self_consistent" and self.effects.network_changes,
+            entropy=entropy,
+            closed_form=self.integration.arc_integration == "closed_form",
+            scattered=scattered,
+            chi=float(closure.weak_contact_ratio) if scattered else 1.0,
+            c_w=float(closure.fluctuation) if scattered else 0.0,
         )
 
     def _check_fabric(self, name: str, xx: float, xy: float) -> None:
@@ -400,21 +403,36 @@ class ContactLaw:
         npt = len(arrays.increment)
         status = np.zeros(npt, dtype=np.int8)
         counts = np.zeros((npt, 3), dtype=np.int32)
-        arguments = (
+        kind = TANGENT_NONE if tangent is None else _TANGENTS[tangent_kind]
+        call = Call(
             arrays.increment,
-            _NO_CONTROL if arrays.control is None else arrays.control,
-            bool(mixed),
             arrays.stress_start,
             arrays.state_start,
             arrays.stress_end,
             arrays.state_end,
+            _NO_CONTROL if arrays.control is None else arrays.control,
             _NO_STRAIN if arrays.strain_increment is None else arrays.strain_increment,
             arrays.tangent,
-            TANGENT_NONE if tangent is None else _TANGENTS[tangent_kind],
             arrays.rows,
-            *self._constants,
+            self._table,
+            self._micro,
             status,
             counts,
+        )
+        arguments = (
+            LANES_OF_KERNELS,
+            call,
+            self._kernel_closure,
+            self._options._replace(mixed=bool(mixed), derivatives=kind == TANGENT_PROPAGATED),
+            Numerics(
+                float(self.integration.tolerance),
+                self.integration.substeps,
+                self.integration.maximum_substeps,
+                self._tableau.error_order,
+                kind,
+            ),
+            (self._tableau.a, self._tableau.b, self._tableau.error),
+            self._rule,
         )
         run_in_threads(update_points, npt, arguments)
         factor = smallest_step_factor(status, counts, _COMFORTABLE_SUBSTEPS)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from granfabric.constitutive.lanes.load import (
+from .contract import Variable
+from .effects import Effects
+from .material_table import (
     M_A1,
     M_A1_REF,
     M_F,
@@ -22,9 +24,6 @@ from granfabric.constitutive.lanes.load import (
     M_Z_REF,
     MICRO,
 )
-
-from .contract import Variable
-from .effects import Effects
 
 _ALONG = "component(s) in the double-angle plane"
 

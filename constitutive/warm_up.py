@@ -1,96 +1,63 @@
-"""Compile the law's kernels ahead of their first use: ``python -m granfabric.constitutive.warm_up``.
+"""Compile a law's kernels ahead of their first use: ``python -m granfabric.constitutive.warm_up KERNEL ...``.
 
-A host that prepares its own part meanwhile finds them in the disk cache, and can lend a hand with `compile_late`.
+A kernel is named by the closure it is for: ``mean_field`` (which does for "fluctuating" and for a network at rest as
+well) or ``shifted_distribution``. A host that prepares its own part meanwhile finds them in the disk cache.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from importlib import import_module
+import gc
+import pickle
+import sys
 
-import numba
 import numpy as np
-from numba.core.errors import NumbaError
+
+from granfabric.constitutive.network.rates import MeanField
+from granfabric.constitutive.network.weak_force_state import ShiftedDistribution
 
 from .compilation import cache_directory
+from .effects import Effects
+from .law import ContactLaw
+from .parameters import Closure, ForceChange, Material
 
-ENTRY_KERNELS = ("points.update_points", "points.smallest_step_factor")
-"""Kernels that the law calls; whatever they call in turn is compiled before them."""
-
-
-LATE_KERNELS = (
-    *(("integration.substep", "accept_substep", "wwb"), ("integration.substep", "estimate_error", "wwfbbb")),
-    ("integration.stage", "_differentiate", "wob"),
-    *(("network.rates", "_close", "wo"), ("network.rates", "_differentiate", "wo"), ("network.rates", "_split", "wo")),
-    *(("network.rates", "_improve", "wo"), ("network.quadrature_change", "quadrature_change", "wiibbbww")),
-    *(("network.contact_change", "_gain", "wb"), ("network.contact_change", "_loss_by_force_anisotropy", "w")),
-    *(("network.contact_change", "_loss", "wb"), ("network.arcs", "_from_series", "wb")),
-    ("network.arcs", "_second_moments", "w"),
-)
-"""Module, name and argument types of kernels that `update_points` calls, those that it needs last before the others."""
-
-_TYPES = {
-    "w": numba.float64[::1],
-    "o": numba.int64[::1],
-    "b": numba.boolean,
-    "f": numba.float64,
-    "i": numba.int64,
-}
+KERNELS: tuple[ForceChange, ...] = ("mean_field", "shifted_distribution")
 
 
-def compile_late(go_on: Callable[[], bool]) -> list[str]:
-    """Compile kernels from the end of the list while another process works on it from its beginning.
+def kernel_of(closure: Closure, effects: Effects) -> ForceChange:
+    """Name of the kernel that a law with this closure and these effects calls."""
+    return KERNELS[closure.force_change == "shifted_distribution" and effects.network_changes]
 
-    What that one has finished is found in the cache. A kernel that does not exist (any more) with these arguments is
-    passed over: it is compiled where it is called.
 
-    Parameters
-    ----------
-    go_on : callable
-        Asked before each kernel.
+_CLOSURES = {"mean_field": MeanField.__name__, "shifted_distribution": ShiftedDistribution.__name__}
 
-    Returns
-    -------
-    list of str
-        Kernels that were compiled here, neither found in the cache nor passed over.
-    """
-    done = []
-    for module, name, letters in LATE_KERNELS:
-        if not go_on():
-            break
-        kernel = getattr(import_module(f"{__package__}.{module}"), name, None)
-        if kernel is None:
-            continue
-        missed = sum(kernel.stats.cache_misses.values())
+
+def cached(kernel: ForceChange) -> bool:
+    """Whether the disk cache holds the kernel."""
+    for index in cache_directory("constitutive").rglob("points.update_points-*.nbi"):
+        # the version that wrote it, then a stamp of the source and a file for each signature
         try:
-            kernel.compile(tuple(_TYPES[letter] for letter in letters))
-        except (NumbaError, TypeError):  # the latter for another number of arguments
+            with index.open("rb") as stream:
+                pickle.load(stream)
+                _, signatures = pickle.loads(stream.read())
+            if any(f"{_CLOSURES[kernel]}(" in str(key[0]) for key in signatures):
+                return True
+        except Exception:  # whatever is in the file: then it will be compiled
             continue
-        if sum(kernel.stats.cache_misses.values()) > missed:
-            done.append(f"{module}.{name}")
-    return done
+    return False
 
 
-def kernels_cached() -> bool:
-    """Whether the disk cache holds an index of every kernel that the law calls."""
-    folder = cache_directory("constitutive")
-    return all(any(folder.rglob(f"{name}-*.nbi")) for name in ENTRY_KERNELS)
-
-
-def warm_up() -> None:
-    """Update one point by a strain increment with its tangent, and once under mixed control."""
-    from .law import ContactLaw
-    from .parameters import Material
-
-    law = ContactLaw([Material(coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9)])
+def warm_up(kernel: ForceChange) -> None:
+    """Update one point by a strain increment with its tangent."""
+    law = ContactLaw(
+        [Material(coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9)], Closure(force_change=kernel)
+    )
     stress = np.array([[-1e5, -1e5, 0.0]])
     state = law.initial_state(stress)
-    stress_end, state_end, strain = np.zeros_like(stress), np.zeros_like(state), np.zeros((1, 3))
     increment = np.array([[1e-7, -1e-7, 0.0]])
-    law.update(increment, stress, state, stress_end, state_end, np.zeros((1, 3, 3)))
-    control = np.array([[1, 0, 0]], dtype=np.uint8)
-    law.update_mixed(control, np.array([[0.0, -1e-7, 0.0]]), stress, state, stress_end, state_end, strain)
+    law.update(increment, stress, state, np.zeros_like(stress), np.zeros_like(state), np.zeros((1, 3, 3)))
 
 
 if __name__ == "__main__":
-    warm_up()
+    gc.disable()  # a process that ends soon, and a twentieth of whose time it would take
+    for name in sys.argv[1:]:
+        warm_up(name)  # type: ignore[arg-type]

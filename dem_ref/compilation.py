@@ -36,13 +36,15 @@ def kernel_cache_directory() -> Path:
 def compiled(**options: Any) -> Callable[[Callable], Any]:
     """Decorator: `numba.njit` with NumPy's division rules, without the interpreter lock, cached on disk.
 
-    Only the decoration sees the cache folder; other packages of the process keep their own.
+    Only the decoration sees the cache folder; other packages of the process keep their own. Kernels for several threads
+    have one of their own: stored code is found by the name of the function, not by how it was compiled.
     """
     settings: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True, **options}
 
     def decorate(function: Callable) -> Any:
         previous = numba.config.CACHE_DIR  # type: ignore[attr-defined]
-        numba.config.CACHE_DIR = str(kernel_cache_directory())  # type: ignore[attr-defined]
+        folder = kernel_cache_directory() / ("several_threads" if options.get("parallel") else "")
+        numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
         try:
             return numba.njit(**settings)(function)
         finally:

@@ -16,7 +16,7 @@ ROOMS = ("constitutive", "fem", "dem_ref", "cases")
 FRONT = "granfabric"
 
 ALLOWED: dict[str, set[str]] = {
-    "constitutive": {"numpy", "numba"},
+    "constitutive": {"numpy", "numba", "llvmlite"},
     "fem": {
         "numpy",
         "numba",
@@ -36,8 +36,9 @@ ALLOWED: dict[str, set[str]] = {
 
 FLOORS: dict[str, tuple[str, ...]] = {
     "constitutive": (
-        *("contract", "arrays", "compilation", "threads", "fabric", "stiffness", "parameters", "effects"),
-        *("lanes", "network", "sliding", "integration", "state", "law", "path", "plain_laws", "warm_up"),
+        *("contract", "arrays", "compilation", "threads", "material_table", "parameters", "effects", "lanes", "fabric"),
+        *("stiffness", "mixed_control", "network", "sliding", "integration", "state", "law", "path", "plain_laws"),
+        "warm_up",
     ),
     "fem": (
         *("accounting", "vectors", "mesh", "linear_solvers", "discretisation", "loads", "equilibrium", "output"),
@@ -211,7 +212,6 @@ ENTERED = {
     "granfabric.dem_ref.sample.neighbours": {"_fill_pairs", "_carry_over"},
     "granfabric.dem_ref.dynamics.relaxation": {"_relax"},
     "granfabric.dem_ref.dynamics.motion": {"refresh_contacts", "advance", "advance_two_threads", "write_back"},
-    "granfabric.cases.field.comparison": {"moduli_per_contact"},  # of plain numbers
 }
 """Compiled kernels that are called from Python, by the module that calls them and has checked what it hands over."""
 
@@ -280,7 +280,8 @@ def test_kernels_are_entered_only_where_arrays_are_checked() -> None:
         for room in ROOMS
         for file in sources(room)
     }
-    assert sum(len(_kernels(tree)) for tree in modules.values()) > 140
+    # formulas of the law are not among them: called from Python they are plain functions
+    assert sum(len(_kernels(tree)) for tree in modules.values()) > 20
     assert entered(modules) == ENTERED
 
 

@@ -151,6 +151,7 @@ def run(
     from granfabric.cases.terminal.early_kernels import early_kernels
 
     with early_kernels() as kernels, _speaking(quiet, verbose) as screen:
+        from granfabric.cases.scene import build
         from granfabric.cases.scene.reader import load
 
         from . import accuracy_report
@@ -159,6 +160,7 @@ def run(
         given = list(assignments or [])
         loaded = load(scene, given)
         loaded.require("field")
+        kernels.start(build.kernels(loaded)[:1])
         accuracy_report.announce(loaded, screen)
         record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels, overwrite)
         while upgrade and record.outcome == "finished" and record.details.get("upgrade"):

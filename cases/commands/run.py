@@ -23,7 +23,7 @@ from granfabric.cases.records.field_recorder import FieldRecorder
 from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import write_failed_point
-from granfabric.cases.scene import effects_choice
+from granfabric.cases.scene import build, effects_choice
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.compile_watch import CompileWatch, watching
 from granfabric.cases.terminal.early_kernels import EarlyKernels
@@ -37,7 +37,7 @@ from granfabric.fem.equilibrium.results import RunSummary, StepResult
 from granfabric.fem.equilibrium.stepping import solve
 from granfabric.fem.output.fields import OutputError
 
-COMPILATION_SECONDS = 60
+COMPILATION_SECONDS = 12
 """Rough time to compile the kernels of law and host on two cores, for the message on first use."""
 UNBOUNDED = 0.5
 """q/p of a failed point from which the message tells that only sliding bounds it."""
@@ -97,7 +97,7 @@ def run_field(
         prepared = prepare(loaded)
         second_order = loaded.scene.mesh.element.endswith("2")
         mesh_table.show(prepared.problem.space.host_mesh, screen, second_order)
-        waited = 0.0 if earlier is not None else _compile(kernels, watch, stop, loaded.scene.output.pictures)
+        waited = 0.0 if earlier is not None else _compile(loaded, kernels, watch, stop)
         loaded, prepared, decision = resolve_field(loaded, prepared, earlier, stop())
         problem = prepared.problem
         record = Record(
@@ -129,7 +129,7 @@ def run_field(
             record.details["resumed_after_step"] = resumed.result.step
         screen.keep_log(folder / files.LOG, versions())
         if earlier is not None:
-            waited = _compile(kernels, watch, stop, loaded.scene.output.pictures)
+            waited = _compile(loaded, kernels, watch, stop)
         else:
             record.details["decision"] = effects_report.as_data(decision)
             effects_report.announce(decision, problem.law.description.linear_response, screen)
@@ -220,14 +220,24 @@ def _last_checkpoint(checkpoints: CheckpointFolder, earlier: dict[str, Any], scr
     return resumed
 
 
-def _compile(kernels: EarlyKernels | None, watch: CompileWatch, stop: Callable[[], bool], pictures: bool) -> float:
-    """Share compiling with the other process, then the host's kernels; seconds spent waiting for the other."""
+def _compile(
+    loaded: LoadedScene, kernels: EarlyKernels | None, watch: CompileWatch, stop: Callable[[], bool]
+) -> float:
+    """Compile the host's kernels and the law's second one while another process compiles the first one.
+
+    Returns
+    -------
+    float
+        Seconds spent waiting for the other process.
+    """
     if kernels is None or not kernels.running:
         return 0.0
     watch.announce()
-    constitutive_warm_up.compile_late(lambda: kernels.running and not stop())
     fem_warm_up.warm_up()
-    if pictures:  # imported now, it costs no time later
+    for name in build.kernels(loaded)[1:]:
+        if kernels.running and not stop() and not constitutive_warm_up.cached(name):
+            constitutive_warm_up.warm_up(name)
+    if loaded.scene.output.pictures:  # imported now, it costs no time later
         import_module("granfabric.cases.pictures.field")
     return kernels.wait(stop)
 

@@ -84,7 +84,7 @@ TABLE = (
     Settings(1e-4, "bogacki_shampine", 1e-5, 16, 1e-6, 4, 2.5e-5),
     Settings(1e-5, "bogacki_shampine", 1e-6, 16, 1e-7, 8, 9.2e-7),
     Settings(1e-6, "bogacki_shampine", 1e-7, 16, 1e-8, 16, 6.6e-8),
-    Settings(1e-8, "bogacki_shampine", 1e-9, 32, 1e-10, 64, 6.0e-10),
+    Settings(1e-8, "bogacki_shampine", 1e-9, 32, 1e-10, 64, 1.2e-9),
 )
 """Cheapest settings on the measured fronts, coarsest first."""
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from granfabric.constitutive import warm_up
 from granfabric.constitutive.effects import Effects
 from granfabric.constitutive.law import ContactLaw
-from granfabric.constitutive.parameters import Closure, Integration, Material, ParameterError
+from granfabric.constitutive.parameters import Closure, ForceChange, Integration, Material, ParameterError
 
 from .effects_choice import everything
 from .reader import LoadedScene
@@ -50,3 +51,13 @@ def _place(loaded: LoadedScene, text: str) -> tuple[str, ...]:
     section, key = found.groups()
     several = [("materials", name, key) for name in getattr(loaded.scene, "materials", {})]
     return next((place for place in several if place in loaded.included), (section, key))
+
+
+def kernels(loaded: LoadedScene) -> list[ForceChange]:
+    """Names of the compiled kernels that a run of the scene calls, see `warm_up`; what it needs first comes first.
+
+    What is left out is tried and audited with other closures than the scene's own.
+    """
+    choice = everything(loaded.scene)
+    closure = Closure(**{**loaded.scene.closure.model_dump(), "force_change": choice.force_change})
+    return sorted(warm_up.KERNELS, key=lambda name: name != warm_up.kernel_of(closure, choice.effects))

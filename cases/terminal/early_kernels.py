@@ -10,14 +10,15 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from granfabric.constitutive import warm_up
+from granfabric.constitutive.parameters import ForceChange
 
 POLL_SECONDS = 0.05
 COMMAND = ("-P", "-m", "granfabric.constitutive.warm_up")
-"""Arguments of the interpreter; -P keeps the working folder out of the search path."""
+"""Arguments of the interpreter, before the kernels; -P keeps the working folder out of the search path."""
 
 
 class EarlyKernels:
@@ -31,14 +32,21 @@ class EarlyKernels:
         """Whether kernels are being compiled elsewhere."""
         return self._process is not None and self._process.poll() is None
 
-    def start(self) -> None:
-        """Start compiling if the cache is cold and a second core is there to do it."""
-        if (os.cpu_count() or 1) < 2 or warm_up.kernels_cached():
+    def start(self, kernels: Sequence[ForceChange]) -> None:
+        """Start compiling those that the cache does not hold, if a second core is there to do it.
+
+        Parameters
+        ----------
+        kernels : sequence of str
+            Names, see `warm_up`; what is needed first comes first.
+        """
+        missing = [kernel for kernel in kernels if not warm_up.cached(kernel)]
+        if (os.cpu_count() or 1) < 2 or not missing:
             return
         try:
             # A session of its own: Ctrl-C on the terminal is ours to answer.
             self._process = subprocess.Popen(
-                [sys.executable, *COMMAND],
+                [sys.executable, *COMMAND, *missing],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -70,9 +78,8 @@ class EarlyKernels:
 
 @contextmanager
 def early_kernels() -> Iterator[EarlyKernels]:
-    """Start early, end with the block at the latest."""
+    """A process that can be started in the block and ends with it at the latest."""
     kernels = EarlyKernels()
-    kernels.start()
     try:
         yield kernels
     finally:

@@ -1,349 +1,190 @@
-"""One Runge-Kutta stage in every lane: rates of stress, micro-state and strain, and their derivatives.
+"""One Runge-Kutta stage: rates of stress, of the closure's unknowns and of strain, and their derivatives.
 
-The increment is followed in a pseudo-time from 0 to 1 with constant rates of the controlled components.
+The increment is followed in a pseudo-time from 0 to 1 with constant rates of the given components. The unknowns are
+p, t = p s (compression positive) and three of the closure; derivatives are by the strain increment (v, e_1, e_2).
 """
 
-import math
-
-from granfabric.constitutive.compilation import compiled
+from granfabric.constitutive.compilation import formula
 from granfabric.constitutive.contract import Status
-from granfabric.constitutive.lanes.layout import (
-    BULK,
-    C_N,
-    COLUMN_SLOPE,
-    COLUMN_TY,
-    COLUMNS,
-    COUPLING,
-    DENSITY,
-    DS1,
-    DS2,
-    FEEDBACK,
-    FLOOR,
-    FLUCTUATING,
-    FORCE,
-    FORCE_CHANGE,
-    FORCE_SCALE,
-    GAIN,
-    GAINED,
-    GIVEN,
-    IN_A1,
-    IN_A2,
-    IN_D,
-    IN_F,
-    IN_N1,
-    IN_N2,
-    IN_S1,
-    IN_S2,
-    IN_Z,
-    INPUTS,
-    INVERSE_P,
-    JACOBIAN,
-    KERNEL_OPTIONS,
-    LANES,
-    LIMIT,
-    LOSS,
-    LOST,
-    MAXIMUM_ENTROPY,
-    N1,
-    N2,
-    OUTCOME,
-    RATE,
-    REFERENCE_A1,
-    REFERENCE_A2,
-    REFERENCE_Z,
-    ROTATION,
-    S1,
-    S2,
-    SHEAR,
-    SHEAR_OFFSET,
-    SHIFTED_DISTRIBUTION,
-    SLIDING,
-    SLOPE,
-    SOLVED,
-    START_N1,
-    START_N2,
-    START_S1,
-    START_S2,
-    STIFF_A1,
-    STIFF_A2,
-    STIFF_B,
-    STIFF_G,
-    STIFF_K,
-    STRAIN,
-    TRIAL,
-    TRIAL_A1,
-    TRIAL_A2,
-    TRIAL_TY,
-    TRIAL_Z,
-    UNKNOWNS,
-    D,
-    L,
-)
-from granfabric.constitutive.lanes.mixed_control import solve_mixed
-from granfabric.constitutive.lanes.rows import copy_rows
-from granfabric.constitutive.lanes.runge_kutta import SMALLEST_COORDINATION
-from granfabric.constitutive.network.contact_change import LARGEST_FORCE_ANISOTROPY
-from granfabric.constitutive.network.fluctuating_change import scatter_slopes
-from granfabric.constitutive.network.rates import network_rates
-from granfabric.constitutive.network.weak_force_stage import resolve_network, weak_force_rates, weak_force_slopes
-from granfabric.constitutive.sliding.stage import sliding_column, sliding_rates
-from granfabric.constitutive.stiffness import stress_rate
+from granfabric.constitutive.lanes.eight import choose, read, write
+from granfabric.constitutive.mixed_control import rates_with_given
+from granfabric.constitutive.network.closures import network_at, network_change, rate_changes, rates
+from granfabric.constitutive.network.point import SMALLEST_COORDINATION
+from granfabric.constitutive.sliding.flow import sliding_changes, sliding_rates
+from granfabric.constitutive.stiffness import stress_rate, stress_rate_change
 
-OK = float(Status.OK)
-LIMITED = float(Status.LIMITED)
-NO_PRESSURE = float(Status.NO_PRESSURE)
-NOT_ADMISSIBLE = float(Status.NOT_ADMISSIBLE)
-STIFFNESS_LOST = float(Status.STIFFNESS_LOST)
-NOT_CONVERGED = float(Status.NOT_CONVERGED)
+UNKNOWNS = 6
+"""p, t_1, t_2 and the closure's three."""
+COLUMNS = 3
+"""Strain components by which is differentiated: v, e_1, e_2."""
+ADVANCED = UNKNOWNS + UNKNOWNS * COLUMNS
+"""Rows that a substep advances together: the unknowns, then their derivatives, column by column."""
+GAINED, LOST, STRAIN = ADVANCED, ADVANCED + 3, ADVANCED + 6
+"""Rows of rates of z, a_c gained and lost and of strain (xx, yy, xy): integrated along, nothing depends on them."""
+RATES = ADVANCED + 9
+
+_LIMITED = float(Status.LIMITED)
+_NO_PRESSURE = float(Status.NO_PRESSURE)
+_NOT_ADMISSIBLE = float(Status.NOT_ADMISSIBLE)
+_STIFFNESS_LOST = float(Status.STIFFNESS_LOST)
+_NOT_CONVERGED = float(Status.NOT_CONVERGED)
 
 
-@compiled(inline="always", **KERNEL_OPTIONS)
-def stage(w, control, mixed, options, numbers, derivatives, rule, solver):
-    """Rates at the stage whose unknowns are in rows TRIAL (and TRIAL_TY); writes RATE ... STRAIN and OUTCOME.
+@formula
+def stiffness_at(point, network, feedback):
+    """K, G, B and a_c of the stiffness, and whether it is positive definite."""
+    z = network.z if feedback else point.reference_z
+    a1 = network.a1 if feedback else point.reference_a1
+    a2 = network.a2 if feedback else point.reference_a2
+    k, g, b = point.bulk * z, point.shear * (z - point.offset), point.coupling * z
+    definite = (g > 0.0) & (b * b * (a1 * a1 + a2 * a2) < k * g)
+    return (k, g, b, a1, a2), definite
+
+
+@formula
+def stage(
+    number, trial, k, point, given, stressed, largest, guess, known, here,
+    closure, options, differentiate, deciding, slide, rule, lanes,
+):  # fmt: skip
+    """Rates at the state in `trial`, written into the rows of stage `number` of `k`.
 
     Parameters
     ----------
-    w : ndarray
-        Workspace, see `lanes`.
-    control : ndarray of uint8, shape (LANES, 3)
-        1 where the stress component is given, 0 where the strain component is; read only if `mixed`.
-    mixed : bool
-    options : ndarray of int64
-    derivatives : bool
-        Derivatives by the strain increment; pure strain control only.
-    numbers : ndarray
-        Closure numbers, see `lanes.CHI`.
+    number : int
+    trial : ndarray, shape (ADVANCED, lanes)
+        Unknowns and, with derivatives, their derivatives.
+    k : ndarray, shape (stages RATES, lanes)
+    point : Point
+    given : tuple of 3
+        Strain increment v, e_1, e_2, compression positive; where stress is given as well, xx, yy, xy, tension positive.
+    stressed : tuple of 3
+        Which of the components given are stresses.
+    largest : float
+        Largest |s| so far.
+    guess : tuple of 2
+        See the closure.
+    known : bool
+        The network is `here`, and nothing has been differentiated yet.
+    here : Network
+    closure : named tuple
+        See `network.closures`.
+    options : Options
+    differentiate : bool
+        Whether derivatives are wanted.
+    deciding : bool
+        The stage is the first of its substep.
+    slide : record
+        See `sliding.slide`; read if points may slide.
     rule : tuple
-        Gauss-Legendre nodes and weights, cosines and sines of directions equally spaced over the circle.
-    solver : ndarray, shape (3, 4)
-        Workspace of `mixed_control.solve_mixed`.
+        Gauss-Legendre nodes and weights, cosines and sines of the circle, cosines of half of it.
+    lanes : tuple
+
+    Returns
+    -------
+    outcome : float
+        Status of the stage.
+    network : Network
+    stiffness : tuple of 5
+        K, G, B, a_c.
+    guess : tuple of 2
+        For the next stage.
     """
-    network = options[LOSS] != 0 or options[GAIN] != 0
-    shifted = network and options[FORCE_CHANGE] == SHIFTED_DISTRIBUTION
-    sliding = options[SLIDING] != 0
-    if shifted:
-        resolve_network(w, options, numbers, derivatives, rule[2], rule[3])
-    _check(w, options)
-    if mixed:
-        for lane in range(LANES):
-            solve_mixed(w, lane, control[lane], solver)
-    else:
-        _strain_driven(w)
-    if sliding:
-        sliding_rates(w, control, mixed, solver)
-    if network:
-        _force_change(w, options)
-        if shifted:
-            weak_force_rates(w, numbers, derivatives)
-        else:
-            network_rates(w, options, numbers, derivatives, rule[0], rule[1])
-        _refuse_unsolved(w)
-    else:
-        _network_at_rest(w)
-    if derivatives:
-        _differentiate(w, options, network)
-        if shifted:
-            weak_force_slopes(w, numbers)
-        elif network and options[FORCE_CHANGE] == FLUCTUATING:
-            scatter_slopes(w, numbers)
-
-
-@compiled(**KERNEL_OPTIONS)
-def _strain_driven(w):
-    """Stress rate of the given strain rate."""
-    for lane in range(LANES):
-        x, y, s = stress_rate(
-            w[STIFF_K + lane],
-            w[STIFF_G + lane],
-            w[STIFF_B + lane],
-            w[STIFF_A1 + lane],
-            w[STIFF_A2 + lane],
-            w[GIVEN + lane],
-            w[GIVEN + L + lane],
-            w[GIVEN + 2 * L + lane],
+    first = number * RATES
+    p, t1, t2 = read(trial, 0, lanes), read(trial, 1, lanes), read(trial, 2, lanes)
+    unknown = (read(trial, 3, lanes), read(trial, 4, lanes), read(trial, 5, lanes))
+    pressure = p > point.floor
+    inverse = 1.0 / choose(pressure, p, 1.0)
+    p = choose(pressure, p, 1.0)
+    s1, s2 = t1 * inverse, t2 * inverse
+    turns = 1.0 if options.rotation else 0.0
+    stress = (p, inverse, s1, turns * s2, largest)
+    solved, network, partials = network_at(closure, point, stress, unknown, guess, known, here, rule)
+    stiffness, definite = stiffness_at(point, network, options.feedback)
+    fabric = network.a1 * network.a1 + network.a2 * network.a2
+    most = 1.0 if options.limited else 4.0
+    outcome = choose(fabric > most, _LIMITED, 0.0 * p)
+    outcome = choose(definite, outcome, _STIFFNESS_LOST)
+    outcome = choose(solved, outcome, _NOT_CONVERGED)
+    outcome = choose(pressure, outcome, _NO_PRESSURE)
+    admissible = (network.z > SMALLEST_COORDINATION) & (fabric < 4.0)
+    outcome = choose(admissible, outcome, choose(solved, _NOT_ADMISSIBLE, outcome))
+    usable = outcome <= _LIMITED
+    # what has failed computes on with harmless numbers
+    zero = 0.0 * choose(usable, p, 0.0)
+    one = 1.0 + zero
+    stiffness = choose(usable, stiffness, (one, one, zero, zero, zero))
+    network = choose(usable, network, here)
+    s1, s2 = choose(usable, s1, 0.0), choose(usable, s2, 0.0)
+    rate, strain = stress_rate(stiffness, given[0], given[1], given[2]), given
+    if options.mixed:
+        rate, tension = rates_with_given(stiffness, given, stressed)
+        strain = (-(tension[0] + tension[1]), tension[1] - tension[0], -tension[2])
+        write(k, first + STRAIN, tension[0], lanes)
+        write(k, first + STRAIN + 1, tension[1], lanes)
+        write(k, first + STRAIN + 2, tension[2], lanes)
+    if options.sliding:
+        row = first + STRAIN
+        rate, outcome = sliding_rates(
+            number, deciding, (p, t1, t2), rate, stiffness, stressed, options.mixed, outcome, slide, k, row, lanes
         )
-        w[RATE + lane] = x
-        w[RATE + L + lane] = y
-        w[RATE + 2 * L + lane] = s
-        w[STRAIN + lane] = w[GIVEN + lane]
-        w[STRAIN + L + lane] = w[GIVEN + L + lane]
-        w[STRAIN + 2 * L + lane] = w[GIVEN + 2 * L + lane]
-
-
-@compiled(**KERNEL_OPTIONS)
-def _refuse_unsolved(w):
-    """Fail the lanes whose self-consistent equations have no solution."""
-    for lane in range(LANES):
-        outcome = w[OUTCOME + lane]
-        w[OUTCOME + lane] = NOT_CONVERGED if outcome <= LIMITED and w[SOLVED + lane] != 1.0 else outcome
-
-
-@compiled(**KERNEL_OPTIONS)
-def _network_at_rest(w):
-    """No loss and no gain."""
-    for row in range(3):
-        for lane in range(LANES):
-            w[RATE + (3 + row) * L + lane] = 0.0
-            w[GAINED + row * L + lane] = 0.0
-            w[LOST + row * L + lane] = 0.0
-
-
-@compiled(**KERNEL_OPTIONS)
-def _differentiate(w, options, network):
-    """Derivatives of all rates by the strain increment."""
-    feedback, rotation = 1.0 if options[FEEDBACK] != 0 else 0.0, 1.0 if options[ROTATION] != 0 else 0.0
-    for column in range(COLUMNS):
-        # own strain component as mean, deviator and shear
-        o_v = 1.0 if column < 2 else 0.0
-        o_d = 1.0 if column == 0 else (-1.0 if column == 1 else 0.0)
-        o_g = 1.0 if column == 2 else 0.0
-        offset = column * UNKNOWNS * L
-        copy_rows(w, COLUMN_TY, TRIAL_TY + offset, UNKNOWNS * L)
-        _stress_column(w, feedback, o_v, o_d, o_g)
-        if options[SLIDING] != 0:
-            sliding_column(w, column, feedback)
-        _network_column(w, rotation, network)
-        copy_rows(w, SLOPE + offset, COLUMN_SLOPE, UNKNOWNS * L)
-
-
-@compiled(**KERNEL_OPTIONS)
-def _check(w, options):
-    """Invariants of the stage's stress, and whether the state is one from which rates can be computed."""
-    feedback = options[FEEDBACK] != 0
-    # shifted weak forces have a density of their own, which is positive
-    harmonic = options[DENSITY] != MAXIMUM_ENTROPY and options[FORCE_CHANGE] != SHIFTED_DISTRIBUTION
-    for lane in range(LANES):
-        z, a1, a2 = w[TRIAL_Z + lane], w[TRIAL_A1 + lane], w[TRIAL_A2 + lane]
-        xx, yy, xy = w[TRIAL + lane], w[TRIAL + L + lane], w[TRIAL + 2 * L + lane]
-        fabric = a1 * a1 + a2 * a2
-        p = -0.5 * (xx + yy)
-        zc = z if feedback else w[REFERENCE_Z + lane]
-        c1 = a1 if feedback else w[REFERENCE_A1 + lane]
-        c2 = a2 if feedback else w[REFERENCE_A2 + lane]
-        k, b = w[BULK + lane] * zc, w[COUPLING + lane] * zc
-        g = w[SHEAR + lane] * (zc - w[SHEAR_OFFSET + lane])
-        definite = g > 0.0 and b * b * (c1 * c1 + c2 * c2) < k * g
-        outcome = LIMITED if harmonic and fabric > 1.0 else OK
-        outcome = outcome if definite else STIFFNESS_LOST
-        outcome = outcome if p > w[FLOOR + lane] else NO_PRESSURE
-        admissible = z > SMALLEST_COORDINATION and fabric < 4.0
-        outcome = outcome if admissible else NOT_ADMISSIBLE
-        usable = outcome <= LIMITED
-        # a lane that has failed computes on with harmless numbers
-        inverse = 1.0 / (p if usable else 1.0)
-        w[OUTCOME + lane] = outcome
-        w[INVERSE_P + lane] = inverse
-        w[S1 + lane] = -0.5 * (xx - yy) * inverse if usable else 0.0
-        w[S2 + lane] = -xy * inverse if usable else 0.0
-        w[STIFF_K + lane] = k if usable else 1.0
-        w[STIFF_G + lane] = g if usable else 1.0
-        w[STIFF_B + lane] = b if usable else 0.0
-        w[STIFF_A1 + lane] = c1 if usable else 0.0
-        w[STIFF_A2 + lane] = c2 if usable else 0.0
-        w[TRIAL_Z + lane] = z if usable else 1.0
-        w[TRIAL_A1 + lane] = a1 if usable else 0.0
-        w[TRIAL_A2 + lane] = a2 if usable else 0.0
-        w[FORCE + lane] = w[FORCE_SCALE + lane] * (p if usable else 1.0) / (z if usable else 1.0)
-
-
-@compiled(**KERNEL_OPTIONS)
-def _force_change(w, options):
-    """d = dp/p and ds of the stress rate; a_n, with its magnitude limited so that the mean force stays positive."""
-    rotation = options[ROTATION] != 0
-    # shifted weak forces divide by no mean force: theirs is not limited
-    most = 1e150 if options[FORCE_CHANGE] == SHIFTED_DISTRIBUTION else LARGEST_FORCE_ANISOTROPY
-    for lane in range(LANES):
-        inverse, s1, s2 = w[INVERSE_P + lane], w[S1 + lane], w[S2 + lane]
-        xx, yy, xy = w[RATE + lane], w[RATE + L + lane], w[RATE + 2 * L + lane]
-        d = -0.5 * (xx + yy) * inverse
-        ds2 = -xy * inverse - s2 * d
-        n1 = w[START_N1 + lane] + w[C_N + lane] * (s1 - w[START_S1 + lane])
-        n2 = w[START_N2 + lane] + w[C_N + lane] * (s2 - w[START_S2 + lane])
-        ds2 = ds2 if rotation else 0.0
-        n2 = n2 if rotation else 0.0
-        square = n1 * n1 + n2 * n2
-        over = square > most * most
-        limit = most / math.sqrt(square) if over else 1.0
-        w[D + lane] = d
-        w[DS1 + lane] = -0.5 * (xx - yy) * inverse - s1 * d
-        w[DS2 + lane] = ds2
-        w[N1 + lane] = n1 * limit
-        w[N2 + lane] = n2 * limit
-        w[LIMIT + lane] = limit
-        outcome = w[OUTCOME + lane]
-        w[OUTCOME + lane] = LIMITED if over and outcome < LIMITED else outcome
-
-
-@compiled(**KERNEL_OPTIONS)
-def _stress_column(w, feedback, o_v, o_d, o_g):
-    """Derivative of the elastic stress rate by one component of the strain increment.
-
-    o_v, o_d, o_g are the component's own mean, deviator and shear strain; `feedback` is 1 or 0, as a factor, because
-    branches would keep the loops from becoming vector code.
-    """
-    for lane in range(LANES):
-        k, g, b = w[BULK + lane], w[SHEAR + lane], w[COUPLING + lane]
-        stiff_k, stiff_g, stiff_b = w[STIFF_K + lane], w[STIFF_G + lane], w[STIFF_B + lane]
-        c1, c2 = w[STIFF_A1 + lane], w[STIFF_A2 + lane]
-        tz, t1, t2 = w[COLUMN_TY + 3 * L + lane], w[COLUMN_TY + 4 * L + lane], w[COLUMN_TY + 5 * L + lane]
-        mean = stiff_k * o_v + stiff_b * (c1 * o_d + c2 * o_g)
-        half = stiff_g * o_d + stiff_b * c1 * o_v
-        shear = stiff_g * o_g + stiff_b * c2 * o_v
-        e_v = w[GIVEN + lane] + w[GIVEN + L + lane]
-        e_d = w[GIVEN + lane] - w[GIVEN + L + lane]
-        e_g = w[GIVEN + 2 * L + lane]
-        tz, t1, t2 = feedback * tz, feedback * t1, feedback * t2
-        mean += tz * (k * e_v + b * (c1 * e_d + c2 * e_g)) + stiff_b * (t1 * e_d + t2 * e_g)
-        half += tz * (g * e_d + b * c1 * e_v) + stiff_b * t1 * e_v
-        shear += tz * (g * e_g + b * c2 * e_v) + stiff_b * t2 * e_v
-        w[COLUMN_SLOPE + lane] = mean + half
-        w[COLUMN_SLOPE + L + lane] = mean - half
-        w[COLUMN_SLOPE + 2 * L + lane] = shear
-
-
-@compiled(**KERNEL_OPTIONS)
-def _network_column(w, rotation, network):
-    """Derivative of the rates of the network by one component: product rule from that of the stress rate onwards."""
-    if not network:
-        for lane in range(LANES):
-            w[COLUMN_SLOPE + 3 * L + lane] = 0.0
-            w[COLUMN_SLOPE + 4 * L + lane] = 0.0
-            w[COLUMN_SLOPE + 5 * L + lane] = 0.0
-        return
-    for lane in range(LANES):
-        inverse, s1, s2, d = w[INVERSE_P + lane], w[S1 + lane], w[S2 + lane], w[D + lane]
-        xx, yy, xy = w[RATE + lane], w[RATE + L + lane], w[RATE + 2 * L + lane]
-        first, second, shear = w[COLUMN_SLOPE + lane], w[COLUMN_SLOPE + L + lane], w[COLUMN_SLOPE + 2 * L + lane]
-        mean, half = 0.5 * (first + second), 0.5 * (first - second)
-        t_xx, t_yy, t_xy = w[COLUMN_TY + lane], w[COLUMN_TY + L + lane], w[COLUMN_TY + 2 * L + lane]
-        tz, t1, t2 = w[COLUMN_TY + 3 * L + lane], w[COLUMN_TY + 4 * L + lane], w[COLUMN_TY + 5 * L + lane]
-        # relative change of p, then of s, d, ds, a_n and f
-        relative = -0.5 * (t_xx + t_yy) * inverse
-        v1 = -0.5 * (t_xx - t_yy) * inverse - s1 * relative
-        v2 = -t_xy * inverse - s2 * relative
-        dd = -mean * inverse - d * relative
-        w1 = -half * inverse + 0.5 * (xx - yy) * inverse * relative - v1 * d - s1 * dd
-        w2 = -shear * inverse + xy * inverse * relative - v2 * d - s2 * dd
-        m1, m2 = w[C_N + lane] * v1, w[C_N + lane] * v2
-        w2, m2 = rotation * w2, rotation * m2
-        # a limited vector only turns: remove the part along itself
-        limit = w[LIMIT + lane]
-        n1, n2 = w[N1 + lane], w[N2 + lane]
-        square = n1 * n1 + n2 * n2
-        part = (m1 * n1 + m2 * n2) / (square if square > 0.0 else 1.0)
-        part = part if limit < 1.0 else 0.0
-        m1, m2 = limit * (m1 - part * n1), limit * (m2 - part * n2)
-        df = w[FORCE + lane] * (relative - tz / w[TRIAL_Z + lane])
-        for i in range(3):
-            row = JACOBIAN + i * INPUTS * L + lane
-            w[COLUMN_SLOPE + (3 + i) * L + lane] = (
-                w[row + IN_D * L] * dd
-                + w[row + IN_S1 * L] * w1
-                + w[row + IN_S2 * L] * w2
-                + w[row + IN_Z * L] * tz
-                + w[row + IN_A1 * L] * t1
-                + w[row + IN_A2 * L] * t2
-                + w[row + IN_N1 * L] * m1
-                + w[row + IN_N2 * L] * m2
-                + w[row + IN_F * L] * df
+    dp, dt1, dt2 = rate
+    d = dp * inverse
+    # s as the closure sees it has a second component only if principal axes may turn
+    ratio = (p, inverse, s1, turns * s2)
+    change = (dp, d, dt1 * inverse - s1 * d, turns * (dt2 * inverse - s2 * d))
+    going, limited, own, gained, lost, guess, more = rates(
+        closure, point, ratio, change, network, guess, (strain[1], strain[2]), differentiate, rule
+    )
+    outcome = choose((outcome <= _LIMITED) & limited, _LIMITED, outcome)
+    outcome = choose(going, outcome, choose(outcome <= _LIMITED, _NOT_CONVERGED, outcome))
+    write(k, first, dp, lanes)
+    write(k, first + 1, dt1, lanes)
+    write(k, first + 2, dt2, lanes)
+    for i in range(3):
+        write(k, first + 3 + i, own[i], lanes)
+        write(k, first + GAINED + i, gained[i], lanes)
+        write(k, first + LOST + i, lost[i], lanes)
+    if differentiate:
+        follow = 1.0 if options.feedback else 0.0
+        for column in range(COLUMNS):
+            row = UNKNOWNS + UNKNOWNS * column
+            tp, u1, u2 = read(trial, row, lanes), read(trial, row + 1, lanes), read(trial, row + 2, lanes)
+            mine = (read(trial, row + 3, lanes), read(trial, row + 4, lanes), read(trial, row + 5, lanes))
+            # of ln p and s, then of the network
+            relative = tp * inverse
+            w1, w2 = u1 * inverse - s1 * relative, turns * (u2 * inverse - s2 * relative)
+            tz, ta1, ta2 = network_change(closure, partials, stress, mine, (relative, w1, w2))
+            # of the stress rate: its own strain component, then the stiffness
+            o_v, o_1, o_2 = 1.0 * (column == 0), 1.0 * (column == 1), 1.0 * (column == 2)
+            cz, c1, c2 = follow * tz, follow * ta1, follow * ta2
+            db = point.coupling * cz
+            stiffening = (
+                point.bulk * cz,
+                point.shear * cz,
+                db,
+                db * stiffness[3] + stiffness[2] * c1,
+                db * stiffness[4] + stiffness[2] * c2,
             )
+            r_p, r_1, r_2 = stress_rate(stiffness, o_v, o_1, o_2)
+            x_p, x_1, x_2 = stress_rate_change(stiffening, strain[0], strain[1], strain[2])
+            r_p, r_1, r_2 = r_p + x_p, r_1 + x_1, r_2 + x_2
+            if options.sliding:
+                r_p, r_1, r_2 = sliding_changes(
+                    number, column, (p, t1, t2), (tp, u1, u2), (r_p, r_1, r_2),
+                    stiffness, stiffening, outcome, slide, lanes,
+                )
+            # of d and ds, then of the closure's rates
+            dd = r_p * inverse - d * relative
+            b1 = (r_1 - dt1 * relative) * inverse - w1 * d - s1 * dd
+            b2 = turns * ((r_2 - dt2 * relative) * inverse - s2 * dd) - w2 * d
+            x, y, z = rate_changes(
+                closure, point, ratio, change, network, (strain[1], strain[2]), more,
+                (tz, ta1, ta2), (relative, w1, w2), (r_p, dd, b1, b2), (o_1, o_2),
+            )
+            write(k, first + row, r_p, lanes)
+            write(k, first + row + 1, r_1, lanes)
+            write(k, first + row + 2, r_2, lanes)
+            write(k, first + row + 3, x, lanes)
+            write(k, first + row + 4, y, lanes)
+            write(k, first + row + 5, z, lanes)
+    return outcome, network, stiffness, guess

@@ -1,230 +1,139 @@
-"""One substep in every lane: stages, error estimate, acceptance."""
+"""Parts of one substep: the state at a stage, the error estimate, the next length."""
 
 import math
 
-from granfabric.constitutive.compilation import compiled
+from granfabric.constitutive.compilation import formula
 from granfabric.constitutive.contract import Status
-from granfabric.constitutive.lanes.layout import (
-    ACCEPT,
-    ADVANCED,
-    ERROR,
-    EVALUATIONS,
-    EXTRAS,
-    FLOOR,
-    GAINED,
-    GAMMA_R,
-    KAPPA,
-    KERNEL_OPTIONS,
-    LANES,
-    MEASURE,
-    OUTCOME,
-    RATE,
-    RATES,
-    SLIDES,
-    SLIDING,
-    SLOT_SCALE,
-    STAGE,
-    STEP,
-    STIFF_A1,
-    STIFF_A2,
-    STIFF_B,
-    STIFF_G,
-    STIFF_K,
-    SUMS,
-    TRIAL,
-    UNKNOWNS,
-    WORST,
-    L,
-    Y,
-)
-from granfabric.constitutive.lanes.rows import add_scaled, copy_rows
-from granfabric.constitutive.lanes.runge_kutta import (
-    LARGEST_CHANGE,
-    MAX_FACTOR,
-    MIN_FACTOR,
-    SAFETY,
-    SMALLEST_COORDINATION,
-)
-from granfabric.constitutive.sliding.cone_return import return_to_cone
-from granfabric.constitutive.sliding.plastic_advance import (
-    advance_length,
-    advance_plastic,
-    begin_plastic_stage,
-    begin_sliding,
-    keep_plastic,
-)
-from granfabric.constitutive.stiffness import stress_rate
+from granfabric.constitutive.lanes.eight import choose, read, write
+from granfabric.constitutive.network.closures import measures
+from granfabric.constitutive.network.point import SMALLEST_COORDINATION
+from granfabric.constitutive.sliding.substep import kappa_error
+from granfabric.constitutive.stiffness import components, strain_invariants, stress_rate
 
-from .implicit_stage import begin_stage, improve_stage
-from .stage import stage
+from .runge_kutta import LARGEST_CHANGE, MAX_FACTOR, MIN_FACTOR, SAFETY
+from .stage import RATES, STRAIN, UNKNOWNS
 
-LIMITED = int(Status.LIMITED)
-NO_PRESSURE = int(Status.NO_PRESSURE)
-NOT_ADMISSIBLE = int(Status.NOT_ADMISSIBLE)
+_LIMITED = float(Status.LIMITED)
+_NO_PRESSURE = float(Status.NO_PRESSURE)
+_NOT_ADMISSIBLE = float(Status.NOT_ADMISSIBLE)
 
 
-@compiled(inline="always", **KERNEL_OPTIONS)
-def attempt_substep(w, control, mixed, options, numbers, derivatives, tableau, stage_tolerance, rule, solver):
-    """All stages of one substep from rows Y, TY over rows STEP; leaves the end in TRIAL, the worst status in WORST."""
-    a, b = tableau[0], tableau[1]
-    stages = b.shape[0]
-    for lane in range(LANES):
-        w[WORST + lane] = 0.0
-        w[EVALUATIONS + lane] = 0.0
-    for row in range(1, ADVANCED):
-        for lane in range(LANES):
-            w[STEP + row * L + lane] = w[STEP + lane]
-    sliding = options[SLIDING] != 0
-    if sliding:
-        begin_sliding(w)
-    i, passes = 0, 0
-    while i < stages:
-        # a stage that only estimates the error needs no derivatives
-        with_derivatives = derivatives and (b[i] != 0.0 or i < stages - 1)
-        implicit = a[i, i] != 0.0
-        if implicit and passes == 0:
-            begin_stage(w, i)
-            if sliding:
-                begin_plastic_stage(w, i)
-        _advance(w, ADVANCED if with_derivatives else UNKNOWNS, i + 1, a[i])
-        if sliding:
-            advance_plastic(w, i + 1, a[i], with_derivatives)
-            if with_derivatives:
-                advance_length(w, i + 1, a[i])
-        stage(w, control, mixed, options, numbers, with_derivatives, rule, solver)
-        if implicit:
-            passes += 1
-            if not improve_stage(w, i, a[i, i], stage_tolerance, passes, with_derivatives, sliding):
-                continue
-        else:
-            copy_rows(w, STAGE + i * RATES * L, RATE, RATES * L)
-            for lane in range(LANES):
-                worst, outcome = w[WORST + lane], w[OUTCOME + lane]
-                w[WORST + lane] = worst if worst > outcome else outcome
-                w[EVALUATIONS + lane] += 1.0
-            if sliding:
-                keep_plastic(w, i)
-        i, passes = i + 1, 0
-    _advance(w, ADVANCED if derivatives else UNKNOWNS, stages, b)
-    if sliding:
-        advance_plastic(w, stages, b, derivatives)
-        if derivatives:
-            advance_length(w, stages, b)
-        return_to_cone(w, control, mixed, solver, derivatives)
+@formula
+def advance(trial, y, k, step, stages, coefficients, rows, lanes):
+    """trial = y + h sum c_m K_m in the first `rows` rows, over the first `stages` stages."""
+    # six rows at a time: the unknowns, or a column of their derivatives
+    for first in range(0, rows, UNKNOWNS):
+        t0, t1, t2 = 0.0 * step, 0.0 * step, 0.0 * step
+        t3, t4, t5 = t0, t1, t2
+        for m in range(stages):
+            c, row = coefficients[m], m * RATES + first
+            # stages without weight may hold no derivatives
+            if c != 0.0:
+                t0 += c * read(k, row, lanes)
+                t1 += c * read(k, row + 1, lanes)
+                t2 += c * read(k, row + 2, lanes)
+                t3 += c * read(k, row + 3, lanes)
+                t4 += c * read(k, row + 4, lanes)
+                t5 += c * read(k, row + 5, lanes)
+        write(trial, first, read(y, first, lanes) + step * t0, lanes)
+        write(trial, first + 1, read(y, first + 1, lanes) + step * t1, lanes)
+        write(trial, first + 2, read(y, first + 2, lanes) + step * t2, lanes)
+        write(trial, first + 3, read(y, first + 3, lanes) + step * t3, lanes)
+        write(trial, first + 4, read(y, first + 4, lanes) + step * t4, lanes)
+        write(trial, first + 5, read(y, first + 5, lanes) + step * t5, lanes)
 
 
-@compiled(**KERNEL_OPTIONS)
-def _advance(w, rows, stages, coefficients):
-    """TRIAL = Y + h sum c_m K_m in the first `rows` rows, over the first `stages` stages."""
-    for index in range(rows * L):
-        w[TRIAL + index] = 0.0
-    for m in range(stages):
-        # stages without weight may hold no derivatives
-        if coefficients[m] != 0.0:
-            add_scaled(w, TRIAL, STAGE + m * RATES * L, coefficients[m], rows * L)
-    for index in range(rows * L):
-        w[TRIAL + index] = w[Y + index] + w[STEP + index] * w[TRIAL + index]
+@formula
+def summed(k, first, step, coefficients, lanes):
+    """h sum c_m of three rows of the stages, beginning with `first`."""
+    x, y, z = 0.0 * step, 0.0 * step, 0.0 * step
+    for m in range(coefficients.shape[0]):
+        row = m * RATES + first
+        x += coefficients[m] * read(k, row, lanes)
+        y += coefficients[m] * read(k, row + 1, lanes)
+        z += coefficients[m] * read(k, row + 2, lanes)
+    return step * x, step * y, step * z
 
 
-@compiled(inline="always", **KERNEL_OPTIONS)
-def _larger_change(change, new, limit):
-    """Larger of the two relative to what a substep may change; NaN wins."""
-    new = abs(new) / limit
-    return change if new <= change else new
+@formula
+def _raised(measure, new):
+    """The larger of the two; what is not a number wins."""
+    return choose(new <= measure, measure, new)
 
 
-@compiled(inline="always", **KERNEL_OPTIONS)
-def _larger(measure, error, step, scale):
-    """Larger of the two in units of `scale`; NaN wins."""
-    new = abs(step * error) / scale
-    return measure if new <= measure else new
+@formula
+def estimate_error(block, closure, error, tolerance, z, stiffness, options, floor, slide, lanes):
+    """Error of the substep in units of the tolerance (stress relative to p, z relative, a_c absolute), and its status.
 
+    Where stress is given, the strain is what is asked for: its error counts as the stress that belongs to it. In a
+    substep that slides it may be as large as what the error of the hardening strain is allowed to cause.
 
-@compiled(**KERNEL_OPTIONS)
-def estimate_error(w, error, tolerance, shifted, mixed, sliding):
-    """Error of the substep in units of the tolerance (stress relative to p, z relative, a_c absolute); end state.
-
-    Where stress is given (`mixed`), the strain is what is asked for: its error counts as the stress that belongs to it.
-    In a substep that slides it may be as large as what the error of the hardening strain is allowed to cause.
+    Parameters
+    ----------
+    block : record
+        With start, end and stages of the substep; its rows `measure` and `worst` are written.
+    closure : named tuple
+    error : ndarray
+        Weights.
+    tolerance : float
+    z : float
+        Coordination number at the start.
+    stiffness : tuple of 5
+    options : Options
+    floor : float
+        Least pressure.
+    slide : record
     """
-    for index in range(UNKNOWNS * L):
-        w[ERROR + index] = 0.0
-    for m in range(error.shape[0]):
-        add_scaled(w, ERROR, STAGE + m * RATES * L, error[m], UNKNOWNS * L)
-    for lane in range(LANES):
-        h = w[STEP + lane]
-        p = -0.5 * tolerance * (w[Y + lane] + w[Y + L + lane])
-        measure = _larger(0.0, w[ERROR + lane], h, p)
-        measure = _larger(measure, w[ERROR + L + lane], h, p)
-        measure = _larger(measure, w[ERROR + 2 * L + lane], h, p)
-        measure = _larger(measure, w[ERROR + 3 * L + lane], h, tolerance * w[SLOT_SCALE + lane])
-        measure = _larger(measure, w[ERROR + 4 * L + lane], h, tolerance)
-        measure = _larger(measure, w[ERROR + 5 * L + lane], h, tolerance)
-        if mixed:
-            xx, yy, xy = 0.0, 0.0, 0.0
-            for m in range(error.shape[0]):
-                row = STAGE + (m * RATES + ADVANCED + 6) * L + lane
-                xx, yy, xy = xx + error[m] * w[row], yy + error[m] * w[row + L], xy + error[m] * w[row + 2 * L]
-            k, g, b = w[STIFF_K + lane], w[STIFF_G + lane], w[STIFF_B + lane]
-            xx, yy, xy = stress_rate(k, g, b, w[STIFF_A1 + lane], w[STIFF_A2 + lane], xx, yy, xy)
-            if sliding and w[SLIDES + lane] > 0.0:
-                p += 2.0 * tolerance * k * (w[GAMMA_R + lane] + w[KAPPA + lane])
-            measure = _larger(measure, xx, h, p)
-            measure = _larger(measure, yy, h, p)
-            measure = _larger(measure, xy, h, p)
-        start, end = -0.5 * (w[Y + lane] + w[Y + L + lane]), -0.5 * (w[TRIAL + lane] + w[TRIAL + L + lane])
-        change = _larger_change(0.0, end - start, LARGEST_CHANGE * start)
-        growth = w[TRIAL + 3 * L + lane] - w[Y + 3 * L + lane]
-        change = _larger_change(change, growth, LARGEST_CHANGE * w[SLOT_SCALE + lane])
-        change = _larger_change(change, w[TRIAL + 4 * L + lane] - w[Y + 4 * L + lane], LARGEST_CHANGE)
-        change = _larger_change(change, w[TRIAL + 5 * L + lane] - w[Y + 5 * L + lane], LARGEST_CHANGE)
-        # so that the next substep is shorter by this factor, for an estimate of order two
-        change = change * change * change
-        w[MEASURE + lane] = measure if measure > change or change <= 1.0 else change
-        z, a1, a2 = w[TRIAL + 3 * L + lane], w[TRIAL + 4 * L + lane], w[TRIAL + 5 * L + lane]
-        outcome = w[WORST + lane]
-        inside = z > SMALLEST_COORDINATION and a1 * a1 + a2 * a2 < 4.0
-        admissible = (inside or shifted) and measure < math.inf
-        pressure = end > w[FLOOR + lane]
-        fine = outcome <= LIMITED
-        outcome = outcome if admissible or not fine else float(NOT_ADMISSIBLE)
-        w[WORST + lane] = outcome if pressure or not fine else float(NO_PRESSURE)
+    y, trial, k = block["y"], block["trial"], block["k"]
+    step, worst = read(block["step"], 0, lanes), read(block["worst"], 0, lanes)
+    p, end = read(y, 0, lanes), read(trial, 0, lanes)
+    e_p, e_1, e_2 = summed(k, 0, step, error, lanes)
+    e_x, e_y, e_z = summed(k, 3, step, error, lanes)
+    scale, other, direct = measures(closure, p, z)
+    _, other_end, _ = measures(closure, end, z)
+    unit = 1.0 / (tolerance * p)
+    measure = _raised(0.0 * p, (abs(e_p) + abs(e_1)) * unit)
+    measure = _raised(measure, abs(e_2) * unit)
+    measure = _raised(measure, abs(e_x) / (tolerance * scale))
+    unit = 1.0 / (tolerance * other)
+    measure = _raised(measure, abs(e_y) * unit)
+    measure = _raised(measure, abs(e_z) * unit)
+    if options.mixed:
+        xx, yy, xy = summed(k, STRAIN, step, error, lanes)
+        v, e1, e2 = strain_invariants(xx, yy, xy)
+        e_p, e_1, e_2 = stress_rate(stiffness, v, e1, e2)
+        xx, yy, xy = components(e_p, e_1, e_2)
+        pressure = p
+        if options.sliding:
+            more = 2.0 * stiffness[0] * (read(slide["reference"], 0, lanes) + read(slide["kappa"], 0, lanes))
+            pressure = choose(read(slide["slides"], 0, lanes) > 0.5, p + more, p)
+        unit = 1.0 / (tolerance * pressure)
+        measure = _raised(measure, abs(xx) * unit)
+        measure = _raised(measure, abs(yy) * unit)
+        measure = _raised(measure, abs(xy) * unit)
+    # an estimate of the error means nothing beyond a change of this size
+    u0, u1, u2 = read(trial, 3, lanes), read(trial, 4, lanes), read(trial, 5, lanes)
+    change = _raised(0.0 * p, abs(end - p) / (LARGEST_CHANGE * p))
+    change = _raised(change, abs(u0 - read(y, 3, lanes)) / (LARGEST_CHANGE * scale))
+    change = _raised(change, abs(u1 / other_end - read(y, 4, lanes) / other) * (1.0 / LARGEST_CHANGE))
+    change = _raised(change, abs(u2 / other_end - read(y, 5, lanes) / other) * (1.0 / LARGEST_CHANGE))
+    # so that the next substep is shorter by this factor, for an estimate of order two
+    change = change * change * change
+    measure = choose((measure > change) | (change <= 1.0), measure, change)
+    if options.sliding:
+        measure = _raised(measure, kappa_error(slide, step, error, lanes) / tolerance)
+    fine = worst <= _LIMITED
+    if direct:
+        inside = (u0 > SMALLEST_COORDINATION) & (u1 * u1 + u2 * u2 < 4.0)
+        worst = choose(fine, choose(inside, worst, _NOT_ADMISSIBLE), worst)
+    worst = choose(fine, choose(measure < math.inf, worst, _NOT_ADMISSIBLE), worst)
+    write(block["measure"], 0, measure, lanes)
+    write(block["worst"], 0, choose(fine, choose(end > floor, worst, _NO_PRESSURE), worst), lanes)
 
 
-@compiled()
+@formula
 def step_factor(measure, error_order):
     """Factor to the next substep from the error of the last in units of the tolerance."""
     if measure <= 0.0:
         return MAX_FACTOR
     return min(MAX_FACTOR, max(MIN_FACTOR, SAFETY * measure ** (-1.0 / (error_order + 1.0))))
-
-
-@compiled(inline="always", **KERNEL_OPTIONS)
-def _add_stepped(w, source, weight):
-    """SUMS += weight h rates of the extras."""
-    copy_rows(w, GAINED, source, EXTRAS * L)
-    for index in range(EXTRAS * L):
-        w[SUMS + index] += w[STEP + index] * weight * w[GAINED + index]
-
-
-@compiled(**KERNEL_OPTIONS)
-def accept_substep(w, b, derivatives):
-    """Move the accepted lanes to the end of their substep."""
-    rows = ADVANCED if derivatives else UNKNOWNS
-    accepted = 0
-    for lane in range(LANES):
-        accepted += 1 if w[ACCEPT + lane] > 0.0 else 0
-    if accepted == LANES:
-        for index in range(rows * L):
-            w[Y + index] = w[TRIAL + index]
-        for m in range(b.shape[0]):
-            _add_stepped(w, STAGE + (m * RATES + ADVANCED) * L, b[m])
-        return
-    for lane in range(LANES):
-        if w[ACCEPT + lane] > 0.0:
-            for row in range(rows):
-                w[Y + row * L + lane] = w[TRIAL + row * L + lane]
-            for m in range(b.shape[0]):
-                for row in range(EXTRAS):
-                    kept = STAGE + (m * RATES + ADVANCED + row) * L
-                    w[SUMS + row * L + lane] += w[STEP + lane] * b[m] * w[kept + lane]

@@ -1,329 +1,225 @@
-"""Rates of the micro-state for given rates of stress, with exact derivatives [Pouragha & Wan 2017, eqs 3-13].
+"""Closures in the form of rates: how z and a_c change with the stress [Pouragha & Wan 2017, eqs 3-13].
 
 Written in the rates ``d = dp/p`` and ``ds`` of the stress-ratio vector s, so that nothing divides by dp:
 
     dF(theta) = d + w.e,    w = a_n d + b,    b = 2 ds (tangential neglected)  or  c_n ds + da_c (self-consistent)
-    X_i  = beta P_xi0 f/(2 kn r) gain_i - P0 loss_i          (loss_i, gain_i of `contact_change`)
+    X_i  = g gain_i - P0 loss_i,    g = beta P_xi0 f/(2 kn r)          (loss_i, gain_i of `contact_change`)
     dz   = z X_0,      da_c = 2 (X_1, X_2) - a_c X_0
+
+`MeanField` is the source: every contact of a direction feels the mean change of force. With a scatter of that change
+it is the closure "fluctuating" (`quadrature_change`). The unknowns are z and a_c themselves, so that what a
+closure is asked about them is answered in `at_rest`.
 """
 
 import math
+from typing import NamedTuple
 
-from granfabric.constitutive.compilation import compiled
-from granfabric.constitutive.lanes.layout import (
-    BY_A,
-    BY_N,
-    BY_V,
-    C_N,
-    CLOSED_FORM,
-    DENSITY,
-    DS1,
-    DS2,
-    FLUCTUATING,
-    FORCE,
-    FORCE_CHANGE,
-    GAIN,
-    GAIN_FACTOR,
-    GAINED,
-    HALF_GAP,
-    HARMONIC,
-    I11,
-    I12,
-    I21,
-    I22,
-    IN_A1,
-    IN_A2,
-    IN_D,
-    IN_F,
-    IN_N1,
-    IN_N2,
-    IN_S1,
-    IN_S2,
-    IN_Z,
-    INPUTS,
-    JACOBIAN,
-    KERNEL_OPTIONS,
-    LANES,
-    LOSS,
-    LOST,
-    N1,
-    N2,
-    NEIGHBOURS,
-    P_ZERO,
-    RATE,
-    ROW_BY_A,
-    ROW_BY_N,
-    ROW_BY_V,
-    ROW_JACOBIAN,
-    ROW_VALUE,
-    SELF_CONSISTENT,
-    SHARE,
-    SIGMA,
-    SOLVED,
-    TANGENTIAL,
-    TRIAL_A1,
-    TRIAL_A2,
-    TRIAL_Z,
-    V1,
-    V2,
-    VALUE,
-    X1,
-    X2,
-    D,
-    L,
-)
-from granfabric.constitutive.lanes.rows import copy_rows
+from granfabric.constitutive.compilation import formula
+from granfabric.constitutive.lanes.eight import choose, somewhere
+from granfabric.constitutive.lanes.elementary import larger
 
-from .contact_change import closed_form_change
-from .fluctuating_change import differentiate_scatter, fluctuating_change, prepare_scatter
+from .contact_change import LARGEST_FORCE_ANISOTROPY, closed_form_change
 from .quadrature_change import quadrature_change
 
-_FIXED_POINT_TOLERANCE = 1e-13
-_FIXED_POINT_ITERATIONS = 60
-_UNSOLVED, _CONVERGED, _NO_SOLUTION = 0.0, 1.0, 2.0
+MOST_ITERATIONS = 60
+STEP_TOLERANCE = 1e-10
+"""Newton step of da_c that is the last one: what it leaves is of its square."""
 
 
-@compiled(inline="always", **KERNEL_OPTIONS)
-def network_rates(w, options, numbers, derivatives, nodes, weights):
-    """Rates of coordination number and fabric, split into gained and lost, in every lane.
-
-    Reads rows D, DS1, DS2, TRIAL_Z, TRIAL_A1, TRIAL_A2, N1, N2 (limited to |a_n| < 1), FORCE; writes RATE 3..5,
-    GAINED, LOST, SOLVED and, if `derivatives`, JACOBIAN (z, a_c by the nine inputs).
+@formula
+def rates(closure, point, stress, rate, network, guess, strain, with_derivatives, rule):
+    """Rates of z and a_c, and what `rate_changes` needs.
 
     Parameters
     ----------
-    w : ndarray
-        Workspace, see `lanes`.
-    options : ndarray of int64
-        Effects and choices, see `lanes`.
-    numbers : ndarray
-        Closure numbers, see `lanes.CHI`.
-    derivatives : bool
-    nodes, weights : ndarray, shape (directions,)
-        Gauss-Legendre rule for arcs without a closed form.
+    closure : MeanField
+    point : Point
+    stress : tuple of 4
+        p, 1/p and s (2).
+    rate : tuple of 4
+        dp, d = dp/p, and ds (2).
+    network : Network
+    guess : tuple of 2
+        da_c, about.
+    strain : tuple of 2
+        Rate of the deviatoric strain (e_xx - e_yy, gamma_xy).
+    with_derivatives : bool
+    rule : tuple
+        Gauss-Legendre nodes and weights, then cosines and sines of other closures.
+
+    Returns
+    -------
+    solved : bool
+        False where the self-consistent equations have no solution.
+    limited : bool
+        Whether a_n was limited.
+    rates : tuple of 3
+    gained, lost : tuples of 3
+        What the rates consist of.
+    guess : tuple of 2
+        da_c.
+    partials : tuple
     """
-    self_consistent = options[TANGENTIAL] == SELF_CONSISTENT
-    fluctuating = options[FORCE_CHANGE] == FLUCTUATING
-    _prepare(w, self_consistent)
-    if fluctuating:
-        prepare_scatter(w, numbers)
-    for _ in range(_FIXED_POINT_ITERATIONS):
-        _force_change_vector(w)
-        if fluctuating:
-            fluctuating_change(w, options, numbers, derivatives or self_consistent, nodes, weights)
-        else:
-            _change(w, options, derivatives or self_consistent, nodes, weights)
-        if not self_consistent or _improve(w, options):
+    _, _, s1, s2 = stress
+    _, d, ds1, ds2 = rate
+    z, a1, a2 = network.z, network.a1, network.a2
+    n1 = point.start_n1 + point.c_n * (s1 - point.start_s1)
+    n2 = point.start_n2 + point.c_n * (s2 - point.start_s2)
+    square = n1 * n1 + n2 * n2
+    # without loss and gain there is nothing that a_n could clip
+    largest = LARGEST_FORCE_ANISOTROPY if closure.loss or closure.gain else 1e150
+    over = square > largest * largest
+    limit = choose(over, largest / math.sqrt(choose(over, square, 1.0)), 1.0)
+    n1, n2 = n1 * limit, n2 * limit
+    force = point.force_scale * stress[0] / z
+    room = larger(point.neighbours - z, 0.0)
+    g = room / z * point.half_gap * force
+    p0 = point.p_zero
+    deviator = math.sqrt(strain[0] * strain[0] + strain[1] * strain[1])
+    sigma = closure.c_w * deviator / force if closure.scattered else 0.0 * z
+    share = point.c_n if closure.self_consistent else 2.0 + 0.0 * z
+    w1, w2 = n1 * d + share * ds1, n2 * d + share * ds2
+    zero = 0.0 * z
+    x1, x2 = guess if closure.self_consistent else (zero, zero)
+    x1, x2 = choose(abs(x1) < 1e150, x1, 0.0), choose(abs(x2) < 1e150, x2, 0.0)
+    solved = zero == 0.0
+    i11, i12, i21, i22 = 1.0 + zero, zero, zero, 1.0 + zero
+    more0, more1, more2 = zero, zero, zero
+    iteration = 0
+    while True:
+        v1, v2 = w1 + x1, w2 + x2
+        loss, gain, by_v, by_a, by_n, by_sigma = _change(
+            closure, d, v1, v2, a1, a2, n1, n2, g, p0, sigma, with_derivatives, rule
+        )
+        net0, net1, net2 = g * gain[0] - p0 * loss[0], g * gain[1] - p0 * loss[1], g * gain[2] - p0 * loss[2]
+        if not closure.self_consistent:
             break
-    _split(w, options)
-    if derivatives:
-        _differentiate(w, options)
-        if self_consistent:
-            _close(w, options)
-        if fluctuating:
-            differentiate_scatter(w, options)
-
-
-@compiled(**KERNEL_OPTIONS)
-def _prepare(w, self_consistent):
-    """Start of the self-consistent iteration, and the factor of gain."""
-    for lane in range(LANES):
-        # the stage before is a good start: rates change little between stages
-        w[X1 + lane] = w[X1 + lane] if self_consistent and math.isfinite(w[X1 + lane]) else 0.0
-        w[X2 + lane] = w[X2 + lane] if self_consistent and math.isfinite(w[X2 + lane]) else 0.0
-        w[SOLVED + lane] = _UNSOLVED if self_consistent else _CONVERGED
-        w[SIGMA + lane] = 0.0
-        z = w[TRIAL_Z + lane]
-        room = w[NEIGHBOURS + lane] - z
-        w[SHARE + lane] = w[C_N + lane] if self_consistent else 2.0
-        w[GAIN_FACTOR + lane] = (room if room > 0.0 else 0.0) / z * w[HALF_GAP + lane] * w[FORCE + lane]
-
-
-@compiled(**KERNEL_OPTIONS)
-def _force_change_vector(w):
-    """w = a_n d + b."""
-    for lane in range(LANES):
-        share, d = w[SHARE + lane], w[D + lane]
-        w[V1 + lane] = w[N1 + lane] * d + share * w[DS1 + lane] + w[X1 + lane]
-        w[V2 + lane] = w[N2 + lane] * d + share * w[DS2 + lane] + w[X2 + lane]
-
-
-@compiled(inline="always", **KERNEL_OPTIONS)
-def _change(w, options, derivatives, nodes, weights):
-    """Loss and gain of every lane, by closed form where there is one."""
-    loss, gain = options[LOSS] != 0, options[GAIN] != 0
-    closed = options[CLOSED_FORM] != 0 and options[DENSITY] == HARMONIC
-    if closed:
-        closed_form_change(w, loss, gain, derivatives)
-    _change_by_quadrature(w, not closed, options, derivatives, nodes, weights)
-
-
-@compiled(**KERNEL_OPTIONS)
-def _change_by_quadrature(w, everywhere, options, derivatives, nodes, weights):
-    """Loss and gain by quadrature, everywhere or where the harmonic density has to be clipped."""
-    loss, gain = options[LOSS] != 0, options[GAIN] != 0
-    for lane in range(LANES):
-        a1, a2 = w[TRIAL_A1 + lane], w[TRIAL_A2 + lane]
-        if everywhere or a1 * a1 + a2 * a2 > 1.0:
-            quadrature_change(w, lane, options[DENSITY], loss, gain, derivatives, nodes, weights)
-
-
-@compiled(inline="always", **KERNEL_OPTIONS)
-def _net(w, lane, row, offset, loss, gain):
-    """beta P_xi0 f/(2 kn r) gain - P0 loss, of a block of rows that holds loss first and gain `offset` rows later."""
-    total = 0.0
-    if gain:
-        total += w[GAIN_FACTOR + lane] * w[row + offset * L + lane]
-    if loss:
-        total -= w[P_ZERO + lane] * w[row + lane]
-    return total
-
-
-@compiled(**KERNEL_OPTIONS)
-def _improve(w, options):
-    """One Newton step on x = da_c(b = c_n ds + x) in the lanes that have not converged; True when none is left."""
-    loss, gain = options[LOSS] != 0, options[GAIN] != 0
-    done = True
-    for lane in range(LANES):
-        if w[SOLVED + lane] != _UNSOLVED:
-            continue
-        a1, a2 = w[TRIAL_A1 + lane], w[TRIAL_A2 + lane]
-        y0 = _net(w, lane, VALUE, 3, loss, gain)
-        y1 = _net(w, lane, VALUE + L, 3, loss, gain)
-        y2 = _net(w, lane, VALUE + 2 * L, 3, loss, gain)
-        m01 = _net(w, lane, BY_V + L, 9, loss, gain)
-        m02 = _net(w, lane, BY_V + 2 * L, 9, loss, gain)
-        m12 = _net(w, lane, BY_V + 5 * L, 9, loss, gain)
-        r11 = 2.0 * _net(w, lane, BY_V + 4 * L, 9, loss, gain) - a1 * m01
-        r12 = 2.0 * m12 - a1 * m02
-        r21 = 2.0 * m12 - a2 * m01
-        r22 = 2.0 * _net(w, lane, BY_V + 8 * L, 9, loss, gain) - a2 * m02
+        # one Newton step on x = da_c(b = c_n ds + x) where it has not converged
+        r11, r12 = 2.0 * by_v[3] - a1 * by_v[1], 2.0 * by_v[4] - a1 * by_v[2]
+        r21, r22 = 2.0 * by_v[4] - a2 * by_v[1], 2.0 * by_v[5] - a2 * by_v[2]
         determinant = (1.0 - r11) * (1.0 - r22) - r12 * r21
-        if not (determinant > 1e-9 and r11 < 1.0 and r22 < 1.0):
-            w[SOLVED + lane] = _NO_SOLUTION
-            w[X1 + lane], w[X2 + lane] = 0.0, 0.0
-            continue
-        inverse = 1.0 / determinant
-        w[I11 + lane] = (1.0 - r22) * inverse
-        w[I12 + lane] = r12 * inverse
-        w[I21 + lane] = r21 * inverse
-        w[I22 + lane] = (1.0 - r11) * inverse
-        e1, e2 = 2.0 * y1 - a1 * y0 - w[X1 + lane], 2.0 * y2 - a2 * y0 - w[X2 + lane]
-        size = abs(w[D + lane]) + abs(w[V1 + lane]) + abs(w[V2 + lane]) + w[SIGMA + lane]
-        if abs(e1) + abs(e2) <= _FIXED_POINT_TOLERANCE * size:
-            w[SOLVED + lane] = _CONVERGED
-            continue
-        w[X1 + lane] += w[I11 + lane] * e1 + w[I12 + lane] * e2
-        w[X2 + lane] += w[I21 + lane] * e1 + w[I22 + lane] * e2
-        done = False
-    return done
+        solvable = (determinant > 1e-9) & (r11 < 1.0) & (r22 < 1.0)
+        inverse = 1.0 / choose(solvable, determinant, 1.0)
+        i11, i12, i21, i22 = (1.0 - r22) * inverse, r12 * inverse, r21 * inverse, (1.0 - r11) * inverse
+        e1, e2 = 2.0 * net1 - a1 * net0 - x1, 2.0 * net2 - a2 * net0 - x2
+        step1, step2 = i11 * e1 + i12 * e2, i21 * e1 + i22 * e2
+        size = STEP_TOLERANCE * (abs(d) + abs(v1) + abs(v2) + sigma)
+        solved = solved & solvable
+        going = solved & (abs(step1) + abs(step2) > size)
+        iteration += 1
+        if iteration >= MOST_ITERATIONS:
+            solved = solved & (abs(step1) + abs(step2) <= size)
+            going = solved & (abs(step1) + abs(step2) > size)
+        if not somewhere(going):
+            # the last step, to first order; how long other lanes take does not matter
+            x1, x2 = x1 + step1, x2 + step2
+            more0 = by_v[1] * step1 + by_v[2] * step2
+            more1, more2 = by_v[3] * step1 + by_v[4] * step2, by_v[4] * step1 + by_v[5] * step2
+            break
+        x1, x2 = choose(going, x1 + step1, x1), choose(going, x2 + step2, x2)
+    won0, less0 = g * gain[0], p0 * loss[0]
+    won0, less0 = won0 + choose(more0 > 0.0, more0, 0.0), less0 - choose(more0 < 0.0, more0, 0.0)
+    net0, net1, net2 = net0 + more0, net1 + more1, net2 + more2
+    gained = (z * won0, 2.0 * (g * gain[1] + more1) - a1 * won0, 2.0 * (g * gain[2] + more2) - a2 * won0)
+    lost = (z * less0, 2.0 * p0 * loss[1] - a1 * less0, 2.0 * p0 * loss[2] - a2 * less0)
+    net = (gained[0] - lost[0], gained[1] - lost[1], gained[2] - lost[2])
+    partials = (
+        net0,
+        gain,
+        by_v,
+        by_a,
+        by_n,
+        by_sigma,
+        (i11, i12, i21, i22),
+        (n1, n2, limit, force, room, share, sigma, deviator),
+    )
+    return solved, over, net, gained, lost, (x1, x2), partials
 
 
-@compiled(**KERNEL_OPTIONS)
-def _split(w, options):
-    """Gained, lost and net rates of z and a_c."""
-    loss, gain = options[LOSS] != 0, options[GAIN] != 0
-    for lane in range(LANES):
-        z, a1, a2 = w[TRIAL_Z + lane], w[TRIAL_A1 + lane], w[TRIAL_A2 + lane]
-        g0, g1, g2, l0, l1, l2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        if gain:
-            factor = w[GAIN_FACTOR + lane]
-            g0 = factor * w[VALUE + 3 * L + lane]
-            g1 = 2.0 * factor * w[VALUE + 4 * L + lane] - a1 * g0
-            g2 = 2.0 * factor * w[VALUE + 5 * L + lane] - a2 * g0
-        if loss:
-            factor = w[P_ZERO + lane]
-            l0 = factor * w[VALUE + lane]
-            l1 = 2.0 * factor * w[VALUE + L + lane] - a1 * l0
-            l2 = 2.0 * factor * w[VALUE + 2 * L + lane] - a2 * l0
-        w[GAINED + lane] = z * g0
-        w[GAINED + L + lane] = g1
-        w[GAINED + 2 * L + lane] = g2
-        w[LOST + lane] = z * l0
-        w[LOST + L + lane] = l1
-        w[LOST + 2 * L + lane] = l2
-        w[RATE + 3 * L + lane] = z * g0 - z * l0
-        w[RATE + 4 * L + lane] = g1 - l1
-        w[RATE + 5 * L + lane] = g2 - l2
+@formula
+def _change(closure, d, v1, v2, a1, a2, n1, n2, g, p0, sigma, with_derivatives, rule):
+    """Loss and gain, by closed form where there is one."""
+    everywhere = closure.scattered or closure.entropy or not closure.closed_form
+    loss, gain = closure.loss, closure.gain
+    if not (loss or gain):
+        zero = 0.0 * d
+        none, nowhere = (zero, zero, zero), (zero, zero, zero, zero, zero, zero)
+        return none, none, nowhere, nowhere, nowhere, none
+    if everywhere:
+        return quadrature_change(
+            d, v1, v2, a1, a2, n1, n2, g, p0, loss, gain,
+            sigma, closure.chi, closure.scattered, closure.entropy, rule[0], rule[1],
+        )  # fmt: skip
+    change = closed_form_change(d, v1, v2, a1, a2, n1, n2, g, p0, loss, gain, with_derivatives)
+    clipped = a1 * a1 + a2 * a2 > 1.0
+    if somewhere(clipped):
+        other = quadrature_change(
+            d, v1, v2, a1, a2, n1, n2, g, p0, loss, gain, sigma, closure.chi, False, False, rule[0], rule[1]
+        )
+        change = choose(clipped, other, change)
+    return change
 
 
-@compiled(**KERNEL_OPTIONS)
-def _differentiate(w, options):
-    """Derivatives of the net rates at fixed da_c in b."""
-    loss, gain = options[LOSS] != 0, options[GAIN] != 0
-    for i in range(3):
-        for row in range(2):
-            copy_rows(w, ROW_VALUE + row * L, VALUE + (3 * row + i) * L, L)
-            copy_rows(w, ROW_BY_V + 3 * row * L, BY_V + (9 * row + 3 * i) * L, 3 * L)
-            copy_rows(w, ROW_BY_A + 2 * row * L, BY_A + (6 * row + 2 * i) * L, 2 * L)
-        copy_rows(w, ROW_BY_N, BY_N + 2 * i * L, 2 * L)
-        _differentiate_row(w)
-        copy_rows(w, JACOBIAN + i * INPUTS * L, ROW_JACOBIAN, INPUTS * L)
-    for lane in range(LANES):
-        # written out: nine short loops would be unrolled before they could become vector code
-        _relative_to_state(w, lane, IN_D)
-        _relative_to_state(w, lane, IN_S1)
-        _relative_to_state(w, lane, IN_S2)
-        _relative_to_state(w, lane, IN_Z)
-        _relative_to_state(w, lane, IN_A1)
-        _relative_to_state(w, lane, IN_A2)
-        _relative_to_state(w, lane, IN_N1)
-        _relative_to_state(w, lane, IN_N2)
-        _relative_to_state(w, lane, IN_F)
-    for lane in range(LANES):
-        x0 = _net(w, lane, VALUE, 3, loss, gain)
-        w[JACOBIAN + IN_Z * L + lane] += x0
-        w[JACOBIAN + (INPUTS + IN_A1) * L + lane] -= x0
-        w[JACOBIAN + (2 * INPUTS + IN_A2) * L + lane] -= x0
+@formula
+def rate_changes(closure, point, stress, rate, network, strain, partials, change, stress_change, rate_change, own):
+    """Changes of the rates of z and a_c.
+
+    Parameters
+    ----------
+    change : tuple of 3
+        Of z and a_c.
+    stress_change : tuple of 3
+        Of ln p and s.
+    rate_change : tuple of 4
+        Of dp, d and ds.
+    own : tuple of 2
+        Of the deviatoric strain rate itself.
+    """
+    if not (closure.loss or closure.gain):
+        zero = 0.0 * rate[0]
+        return zero, zero, zero
+    net0, gain, by_v, by_a, by_n, by_sigma, inverse, more = partials
+    n1, n2, limit, force, room, share, sigma, deviator = more
+    tz, t1, t2 = change
+    relative, u1, u2 = stress_change
+    d = rate[1]
+    _, dd, dds1, dds2 = rate_change
+    z, a1, a2 = network.z, network.a1, network.a2
+    # a limited vector only turns: the part along itself is removed
+    m1, m2 = point.c_n * u1, point.c_n * u2
+    square = n1 * n1 + n2 * n2
+    part = choose(limit < 1.0, (m1 * n1 + m2 * n2) / choose(square > 0.0, square, 1.0), 0.0)
+    m1, m2 = limit * (m1 - part * n1), limit * (m2 - part * n2)
+    df = force * (relative - tz / z)
+    # g = (z_nb - z)/z times half_gap times f
+    dg = point.half_gap * (room * df - choose(room > 0.0, point.neighbours, 0.0) * force * tz / z) / z
+    w1, w2 = n1 * dd + d * m1 + share * dds1, n2 * dd + d * m2 + share * dds2
+    x0 = by_v[0] * dd + by_v[1] * w1 + by_v[2] * w2 + by_a[0] * t1 + by_a[1] * t2 + by_n[0] * m1 + by_n[1] * m2
+    x1 = by_v[1] * dd + by_v[3] * w1 + by_v[4] * w2 + by_a[2] * t1 + by_a[3] * t2 + by_n[2] * m1 + by_n[3] * m2
+    x2 = by_v[2] * dd + by_v[4] * w1 + by_v[5] * w2 + by_a[4] * t1 + by_a[5] * t2 + by_n[4] * m1 + by_n[5] * m2
+    x0, x1, x2 = x0 + gain[0] * dg, x1 + gain[1] * dg, x2 + gain[2] * dg
+    if closure.scattered:
+        turn = (strain[0] * own[0] + strain[1] * own[1]) / choose(deviator > 0.0, deviator, 1.0)
+        ds = (closure.c_w * turn - sigma * df) / force
+        x0, x1, x2 = x0 + by_sigma[0] * ds, x1 + by_sigma[1] * ds, x2 + by_sigma[2] * ds
+    b1, b2 = 2.0 * x1 - a1 * x0 - t1 * net0, 2.0 * x2 - a2 * x0 - t2 * net0
+    if closure.self_consistent:
+        # da_c stands on both sides: times (1 - d da_c/d b)^-1; then carried into dz
+        i11, i12, i21, i22 = inverse
+        b1, b2 = i11 * b1 + i12 * b2, i21 * b1 + i22 * b2
+        x0 += by_v[1] * b1 + by_v[2] * b2
+    return z * x0 + tz * net0, b1, b2
 
 
-@compiled(**KERNEL_OPTIONS)
-def _differentiate_row(w):
-    """Derivatives of X_i by the nine inputs, from rows ROW_VALUE ... to ROW_JACOBIAN."""
-    for lane in range(LANES):
-        z, d = w[TRIAL_Z + lane], w[D + lane]
-        # factors of effects that are off are zero, and their rows stay as they were made: zero
-        g, p0, share = w[GAIN_FACTOR + lane], w[P_ZERO + lane], w[SHARE + lane]
-        by0 = g * w[ROW_BY_V + 3 * L + lane] - p0 * w[ROW_BY_V + lane]
-        by1 = g * w[ROW_BY_V + 4 * L + lane] - p0 * w[ROW_BY_V + L + lane]
-        by2 = g * w[ROW_BY_V + 5 * L + lane] - p0 * w[ROW_BY_V + 2 * L + lane]
-        w[ROW_JACOBIAN + IN_D * L + lane] = by0 + w[N1 + lane] * by1 + w[N2 + lane] * by2
-        w[ROW_JACOBIAN + IN_S1 * L + lane] = share * by1
-        w[ROW_JACOBIAN + IN_S2 * L + lane] = share * by2
-        w[ROW_JACOBIAN + IN_A1 * L + lane] = g * w[ROW_BY_A + 2 * L + lane] - p0 * w[ROW_BY_A + lane]
-        w[ROW_JACOBIAN + IN_A2 * L + lane] = g * w[ROW_BY_A + 3 * L + lane] - p0 * w[ROW_BY_A + L + lane]
-        w[ROW_JACOBIAN + IN_N1 * L + lane] = d * by1 - p0 * w[ROW_BY_N + lane]
-        w[ROW_JACOBIAN + IN_N2 * L + lane] = d * by2 - p0 * w[ROW_BY_N + L + lane]
-        room = w[NEIGHBOURS + lane] - z
-        gained = w[ROW_VALUE + L + lane] * w[HALF_GAP + lane] / z
-        gained = gained if room > 0.0 else 0.0
-        w[ROW_JACOBIAN + IN_Z * L + lane] = -gained * w[NEIGHBOURS + lane] / z * w[FORCE + lane]
-        w[ROW_JACOBIAN + IN_F * L + lane] = gained * room
+class MeanField(NamedTuple):
+    """Numbers and choices of the closures "mean_field" and "fluctuating"; see `closures` for what it answers."""
 
+    loss: bool
+    gain: bool
+    self_consistent: bool
+    entropy: bool
+    closed_form: bool
+    scattered: bool
+    chi: float
+    c_w: float
 
-@compiled(inline="always", **KERNEL_OPTIONS)
-def _relative_to_state(w, lane, entry):
-    """From derivatives of X_0, X_1, X_2 to those of dz = z X_0, da_c = 2 (X_1, X_2) - a_c X_0, at fixed z, a_c."""
-    x0 = w[JACOBIAN + entry * L + lane]
-    x1 = w[JACOBIAN + (INPUTS + entry) * L + lane]
-    x2 = w[JACOBIAN + (2 * INPUTS + entry) * L + lane]
-    w[JACOBIAN + entry * L + lane] = w[TRIAL_Z + lane] * x0
-    w[JACOBIAN + (INPUTS + entry) * L + lane] = 2.0 * x1 - w[TRIAL_A1 + lane] * x0
-    w[JACOBIAN + (2 * INPUTS + entry) * L + lane] = 2.0 * x2 - w[TRIAL_A2 + lane] * x0
-
-
-@compiled(**KERNEL_OPTIONS)
-def _close(w, options):
-    """Implicit differentiation of the self-consistent da_c: times (1 - d da_c/d b)^-1; then carry da_c into dz."""
-    loss, gain = options[LOSS] != 0, options[GAIN] != 0
-    for j in range(INPUTS):
-        row = JACOBIAN + j * L
-        for lane in range(LANES):
-            z1 = w[TRIAL_Z + lane] * _net(w, lane, BY_V + L, 9, loss, gain)
-            z2 = w[TRIAL_Z + lane] * _net(w, lane, BY_V + 2 * L, 9, loss, gain)
-            r1, r2 = w[row + INPUTS * L + lane], w[row + 2 * INPUTS * L + lane]
-            t1 = w[I11 + lane] * r1 + w[I12 + lane] * r2
-            t2 = w[I21 + lane] * r1 + w[I22 + lane] * r2
-            w[row + INPUTS * L + lane] = t1
-            w[row + 2 * INPUTS * L + lane] = t2
-            w[row + lane] += z1 * t1 + z2 * t2

@@ -10,32 +10,34 @@ L delays slip where a growing pressure has moved weak contacts away from zero fo
 magnitude stays: a_t is bounded by the friction of the contacts, ``c_t^2/(4 k)`` at constant pressure.
 """
 
-from granfabric.constitutive.compilation import compiled
+from granfabric.constitutive.compilation import formula
+from granfabric.constitutive.lanes.eight import choose, somewhere
+from granfabric.constitutive.lanes.elementary import larger
 
 _ITERATIONS = 60
 
 
-@compiled()
-def _largest(c_t, k, delay):
-    """The m at which ``c_t m - k m^3/(m + L)`` is largest: the root of ``k m^2 (2 m + 3 L) = c_t (m + L)^2``."""
-    if k <= 0.0:
-        return 1e300
+@formula
+def _largest(c_t, k, delay, wanted):
+    """The m at which ``c_t m - k m^3/(m + L)`` is largest: the root of ``k m^2 (2 m + 3 L) = c_t (m + L)^2``.
+
+    Found where `wanted`; c_t and k are positive.
+    """
     # the slip term's derivative lies between 2 k m and 3 k m, so the root between c_t/(3 k) and c_t/(2 k), where the
     # function is convex and rising: Newton from the upper end does not overshoot
-    m = 0.5 * c_t / k
+    m = choose(wanted, 0.5 * c_t / k, 0.0 * delay)
     for _ in range(_ITERATIONS):
         value = k * m * m * (2.0 * m + 3.0 * delay) - c_t * (m + delay) * (m + delay)
         slope = 6.0 * k * m * (m + delay) - 2.0 * c_t * (m + delay)
-        if not slope > 0.0:  # c_t = 0: nothing to saturate
+        step = value / choose(slope > 0.0, slope, 1.0)
+        going = wanted & (slope > 0.0) & (abs(step) > 1e-15 * m)
+        if not somewhere(going):
             break
-        step = value / slope
-        m -= step
-        if abs(step) <= 1e-15 * m:
-            break
+        m = choose(going, m - step, m)
     return m
 
 
-@compiled()
+@formula
 def tangential_magnitude(m, c_t, k, delay):
     """|a_t| at the stress ratio m, with derivatives.
 
@@ -55,13 +57,15 @@ def tangential_magnitude(m, c_t, k, delay):
     value, by_m, by_delay : float
         The value is monotone in m.
     """
-    if m + delay <= 0.0 or k <= 0.0:
-        return c_t * m, c_t, 0.0
-    total = m + delay
-    by_m = c_t - k * m * m * (2.0 * m + 3.0 * delay) / (total * total)
-    if by_m < 0.0:
+    total = larger(m + delay, 1e-300)
+    by_m = c_t - k * (m / total) * (m / total) * (2.0 * m + 3.0 * delay)
+    past = by_m < 0.0
+    if c_t > 0.0 and somewhere(past):
         # at the maximum the derivative by m vanishes, so that the one by L is the direct one
-        m = _largest(c_t, k, delay)
-        total = m + delay
-        by_m = 0.0
-    return c_t * m - k * m * m * m / total, by_m, k * m * m * m / (total * total)
+        m = choose(past, _largest(c_t, k, delay, past), m)
+        total = larger(m + delay, 1e-300)
+    elif c_t <= 0.0:
+        m = choose(past, 0.0, m)
+    share = m / total
+    by_m = choose(past, 0.0, by_m)
+    return c_t * m - k * m * m * share, by_m, k * m * share * share

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from granfabric.constitutive.contract import Array
-from granfabric.constitutive.lanes.load import PAR_COHESION, PAR_EXPONENT, PAR_GAMMA_R, PAR_M_FIRST, PAR_M_PEAK
+from granfabric.constitutive.material_table import PAR_COHESION, PAR_EXPONENT, PAR_GAMMA_R, PAR_M_FIRST, PAR_M_PEAK
 from granfabric.constitutive.parameters import Material, ParameterError
 
 

@@ -28,7 +28,11 @@ M is a one-to-one function of kappa, so that on the cone kappa can be had from t
 ``kappa = gamma_r (M - M_first)/(M_peak - M)``.
 """
 
-from granfabric.constitutive.compilation import compiled
+import math
+
+from granfabric.constitutive.compilation import formula
+from granfabric.constitutive.lanes.eight import choose
+from granfabric.constitutive.lanes.elementary import larger, power
 
 CONE_TOLERANCE = 1e-12
 """Distance q - M (p + c) over p + c that counts as on the cone."""
@@ -38,52 +42,44 @@ AXIS_TOLERANCE = 1e-9
 """q/(p + c) below which a cone that has not yet opened is taken for its axis, where the flow has no direction yet."""
 
 
-@compiled()
+@formula
 def strength(kappa, first, peak, reference):
     """M and its first and second derivative by kappa."""
     # a Runge-Kutta stage may look back beyond zero
-    denominator = reference + max(kappa, -0.5 * reference)
+    denominator = reference + larger(kappa, -0.5 * reference)
     share = (peak - first) / denominator
     by_kappa = share * reference / denominator
     return peak - share * reference, by_kappa, -2.0 * by_kappa / denominator
 
 
-@compiled()
+@formula
 def hardening_strain_at(ratio, first, peak, reference):
     """kappa at which the strength is `ratio`; 0 below the first yield, infinite at the peak and beyond."""
-    if ratio <= first:
-        return 0.0
-    if ratio >= peak:
-        return float("inf")
-    return reference * (ratio - first) / (peak - ratio)
+    below = ratio < peak
+    kappa = reference * (ratio - first) / choose(below, peak - ratio, 1.0)
+    return choose(below, larger(kappa, 0.0), math.inf)
 
 
-@compiled()
+@formula
 def plastic_share(kappa, reference, exponent):
     """W = dgamma_p/dkappa and its derivative by kappa."""
-    if exponent == 1.0:
-        return 1.0, 0.0
-    if kappa <= 0.0:
-        return 0.0, 0.0
-    h = kappa / (reference + kappa)
-    below = h ** (exponent - 2.0)
+    hyperbola, opened = exponent == 1.0, kappa > 0.0
+    total = reference + choose(opened, kappa, reference)
+    h = choose(opened, kappa, reference) / total
+    below = power(h, exponent - 2.0)
     by_h = exponent * (exponent - 1.0) * below * (1.0 - h)
-    return below * h * (exponent - (exponent - 1.0) * h), by_h * reference / (reference + kappa) ** 2
+    share, slope = below * h * (exponent - (exponent - 1.0) * h), by_h * reference / (total * total)
+    share, slope = choose(opened, share, 0.0), choose(opened, slope, 0.0)
+    return choose(hyperbola, 1.0, share), choose(hyperbola, 0.0, slope)
 
 
-@compiled()
+@formula
 def plastic_shear_strain(kappa, reference, exponent):
     """gamma_p of a hardening strain."""
     return kappa * (kappa / (reference + kappa)) ** (exponent - 1.0)
 
 
-@compiled()
-def deviator_of(xx, yy, xy):
-    """p and the deviator (t_1, t_2), compression positive, of a tension-positive stress or stress rate."""
-    return -0.5 * (xx + yy), -0.5 * (xx - yy), -xy
-
-
-@compiled()
+@formula
 def dissipated(gamma_rate, m, cohesion, p, expansion):
     """Rate of plastic work [Pa]; `expansion` is dv_p/dgamma_p, compression positive."""
     return gamma_rate * (m * cohesion + p * (m + expansion))

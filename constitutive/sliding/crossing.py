@@ -17,39 +17,9 @@ second time with a change of its length in the first column of the derivatives; 
 
 import math
 
-from granfabric.constitutive.compilation import compiled
-from granfabric.constitutive.lanes.layout import (
-    COHESION,
-    COLUMNS,
-    CROSSED,
-    GAMMA_R,
-    GIVEN,
-    HIGH,
-    HIGH_F,
-    KAPPA,
-    KEPT_COLUMN,
-    LOW,
-    LOW_F,
-    M_FIRST,
-    M_PEAK,
-    ON_CONE,
-    REVERSED,
-    SEED,
-    SIDE,
-    SLIDES,
-    STEP,
-    STEP_CHANGE,
-    TIME_CHANGE,
-    TRIAL,
-    TRIAL_TY,
-    TRIES,
-    UNKNOWNS,
-    WHOLE_STEP,
-    L,
-    Y,
-)
+from granfabric.constitutive.compilation import formula
 
-from .cone import CONE_TOLERANCE, deviator_of, strength
+from .cone import CONE_TOLERANCE, strength
 
 ACCEPTED, TAKEN_BACK = 0, 1
 _MOST_TRIES = 80
@@ -58,24 +28,32 @@ _CROSSING_TOLERANCE = 1e-14
 that its width counts in that unit, the derivatives would notice."""
 _REVERSAL_STEP = 1e-6
 """A substep in which sliding ends is halved down to this share of the increment; the rates are continuous there."""
+_UNKNOWNS = 6
 
 
-@compiled()
-def _distance(w, lane, rows):
-    """q - M (p + c) and p + c of the stress in `rows`, with the M of the substep's start."""
-    p, t1, t2 = deviator_of(w[rows + lane], w[rows + L + lane], w[rows + 2 * L + lane])
-    m = strength(w[KAPPA + lane], w[M_FIRST + lane], w[M_PEAK + lane], w[GAMMA_R + lane])[0]
-    pc = p + w[COHESION + lane]
+@formula
+def _strength(slide, lane):
+    """M and its derivatives at the start of the substep."""
+    return strength(
+        slide["kappa"][0, lane], slide["first"][0, lane], slide["peak"][0, lane], slide["reference"][0, lane]
+    )
+
+
+@formula
+def _distance(state, slide, lane):
+    """q - M (p + c) and p + c of the stress in the first rows of `state`, with the M of the substep's start."""
+    p, t1, t2 = state[0, lane], state[1, lane], state[2, lane]
+    m = _strength(slide, lane)[0]
+    pc = p + slide["cohesion"][0, lane]
     return math.sqrt(t1 * t1 + t2 * t2) - m * pc, pc
 
 
-@compiled()
-def _along_the_chord(w, lane):
+@formula
+def _along_the_chord(y, trial, slide, lane):
     """Share of the straight line from the substep's start to its end at which it leaves the cone."""
-    p0, a1, a2 = deviator_of(w[Y + lane], w[Y + L + lane], w[Y + 2 * L + lane])
-    p1, b1, b2 = deviator_of(w[TRIAL + lane], w[TRIAL + L + lane], w[TRIAL + 2 * L + lane])
-    m = strength(w[KAPPA + lane], w[M_FIRST + lane], w[M_PEAK + lane], w[GAMMA_R + lane])[0]
-    pc, dp, d1, d2 = p0 + w[COHESION + lane], p1 - p0, b1 - a1, b2 - a2
+    p0, a1, a2 = y[0, lane], y[1, lane], y[2, lane]
+    m = _strength(slide, lane)[0]
+    pc, dp, d1, d2 = p0 + slide["cohesion"][0, lane], trial[0, lane] - p0, trial[1, lane] - a1, trial[2, lane] - a2
     square = d1 * d1 + d2 * d2 - m * m * dp * dp
     half = a1 * d1 + a2 * d2 - m * m * pc * dp
     inside = m * m * pc * pc - a1 * a1 - a2 * a2
@@ -85,105 +63,115 @@ def _along_the_chord(w, lane):
     return share if 1e-9 < share < 1.0 - 1e-9 else 0.5
 
 
-@compiled()
-def _pass_on_time(w, lane):
+@formula
+def _pass_on_time(slide, lane):
     """How the end of the substep moves in pseudo-time with the strain increment; not at all if it ends as planned."""
-    for column in range(COLUMNS):
-        w[TIME_CHANGE + column * L + lane] += w[STEP_CHANGE + column * L + lane]
+    for column in range(3):
+        slide["time_change"][column, lane] += slide["step_change"][column, lane]
 
 
-@compiled()
-def judge_substep(w, lane, differentiate):
-    """ACCEPTED, or TAKEN_BACK with another length of the substep in STEP; whose error is tolerable.
+@formula
+def forget_crossing(slide, lane):
+    """No search for a crossing is under way."""
+    slide["high"][0, lane], slide["tries"][0, lane], slide["crossed"][0, lane] = 0.0, 0.0, 0.0
 
-    `differentiate` says whether derivatives are wanted and the increment does not end here.
+
+@formula
+def judge_substep(step, y, trial, largest, slide, lane, differentiate):
+    """ACCEPTED or TAKEN_BACK, and the length of the substep to try next; the substep's error is tolerable.
+
+    Parameters
+    ----------
+    step : float
+        Length of the substep.
+    y, trial : ndarray
+        Its start and its end.
+    largest : float
+        Largest component of the strain increment.
+    slide : record
+    lane : int
+    differentiate : bool
+        Whether derivatives are wanted and the increment does not end here.
     """
-    step = w[STEP + lane]
-    if w[SLIDES + lane] > 0.0:
-        if w[REVERSED + lane] > 0.0 and step > _REVERSAL_STEP:
-            w[STEP + lane] = 0.5 * step
-            return TAKEN_BACK
-        w[ON_CONE + lane] = 1.0
-        _pass_on_time(w, lane)
-        return ACCEPTED
-    if w[CROSSED + lane] > 0.0:
-        return _found(w, lane, differentiate)
-    distance, pc = _distance(w, lane, TRIAL)
+    if slide["slides"][0, lane] > 0.5:
+        if slide["turned_back"][0, lane] > 0.5 and step > _REVERSAL_STEP:
+            return TAKEN_BACK, 0.5 * step
+        slide["on_cone"][0, lane] = 1.0
+        _pass_on_time(slide, lane)
+        return ACCEPTED, step
+    if slide["crossed"][0, lane] > 0.5:
+        return _found(trial, largest, slide, lane, differentiate), step
+    distance, pc = _distance(trial, slide, lane)
     tolerance = CONE_TOLERANCE * pc
-    searching = w[HIGH + lane] > 0.0
+    searching = slide["high"][0, lane] > 0.0
     if distance <= tolerance and not searching:
-        w[ON_CONE + lane] = 1.0 if distance >= -tolerance else 0.0
-        _pass_on_time(w, lane)
-        return ACCEPTED
+        slide["on_cone"][0, lane] = 1.0 * (distance >= -tolerance)
+        _pass_on_time(slide, lane)
+        return ACCEPTED, step
     if distance > tolerance and not searching:
-        w[WHOLE_STEP + lane], w[LOW + lane] = step, 0.0
-        w[LOW_F + lane], _ = _distance(w, lane, Y)
-        w[HIGH + lane], w[HIGH_F + lane] = step, distance
-        w[TRIES + lane], w[SIDE + lane] = 0.0, 0.0
-        if w[LOW_F + lane] < -tolerance:
-            w[STEP + lane] = step * _along_the_chord(w, lane)
-        else:
-            # it starts on the cone, goes inside and comes out: any point inside will do for the bracket
-            w[STEP + lane] = 0.5 * step
-        return TAKEN_BACK
-    w[TRIES + lane] += 1.0
-    width = w[HIGH + lane] - w[LOW + lane]
+        slide["whole_step"][0, lane], slide["low"][0, lane] = step, 0.0
+        slide["low_f"][0, lane], _ = _distance(y, slide, lane)
+        slide["high"][0, lane], slide["high_f"][0, lane] = step, distance
+        slide["tries"][0, lane], slide["side"][0, lane] = 0.0, 0.0
+        if slide["low_f"][0, lane] < -tolerance:
+            return TAKEN_BACK, step * _along_the_chord(y, trial, slide, lane)
+        # it starts on the cone, goes inside and comes out: any point inside will do for the bracket
+        return TAKEN_BACK, 0.5 * step
+    slide["tries"][0, lane] += 1.0
+    width = slide["high"][0, lane] - slide["low"][0, lane]
     found = abs(distance) <= _CROSSING_TOLERANCE * pc
-    if found or w[TRIES + lane] > _MOST_TRIES or width <= 1e-15 * w[HIGH + lane]:
-        return _found(w, lane, differentiate)
+    if found or slide["tries"][0, lane] > _MOST_TRIES or width <= 1e-15 * slide["high"][0, lane]:
+        return _found(trial, largest, slide, lane, differentiate), step
     # the end of the bracket that stays counts half from the second time on, so that it moves as well
     if distance > 0.0:
-        w[LOW_F + lane] *= 0.5 if w[SIDE + lane] > 0.0 else 1.0
-        w[HIGH + lane], w[HIGH_F + lane], w[SIDE + lane] = step, distance, 1.0
+        slide["low_f"][0, lane] *= 0.5 if slide["side"][0, lane] > 0.0 else 1.0
+        slide["high"][0, lane], slide["high_f"][0, lane], slide["side"][0, lane] = step, distance, 1.0
     else:
-        w[HIGH_F + lane] *= 0.5 if w[SIDE + lane] < 0.0 else 1.0
-        w[LOW + lane], w[LOW_F + lane], w[SIDE + lane] = step, distance, -1.0
-    width = w[HIGH + lane] - w[LOW + lane]
-    weight = w[LOW_F + lane] / (w[LOW_F + lane] - w[HIGH_F + lane])
-    if not (w[LOW_F + lane] < -tolerance and 0.0 < weight < 1.0):
+        slide["high_f"][0, lane] *= 0.5 if slide["side"][0, lane] < 0.0 else 1.0
+        slide["low"][0, lane], slide["low_f"][0, lane], slide["side"][0, lane] = step, distance, -1.0
+    width = slide["high"][0, lane] - slide["low"][0, lane]
+    weight = slide["low_f"][0, lane] / (slide["low_f"][0, lane] - slide["high_f"][0, lane])
+    if not (slide["low_f"][0, lane] < -tolerance and 0.0 < weight < 1.0):
         weight = 0.5
-    w[STEP + lane] = w[LOW + lane] + weight * width
-    return TAKEN_BACK
+    return TAKEN_BACK, slide["low"][0, lane] + weight * width
 
 
-@compiled()
-def _found(w, lane, differentiate):
+@formula
+def _found(trial, largest, slide, lane, differentiate):
     """The substep ends on the cone: accepted, or to be done once more for the derivative by its length."""
     if not differentiate:
-        w[ON_CONE + lane], w[CROSSED + lane] = 1.0, 1.0
+        slide["on_cone"][0, lane], slide["crossed"][0, lane] = 1.0, 1.0
         return ACCEPTED
-    if w[CROSSED + lane] == 0.0:
-        for i in range(UNKNOWNS):
-            w[KEPT_COLUMN + i * L + lane] = w[TRIAL_TY + i * L + lane]
+    if slide["crossed"][0, lane] < 0.5:
+        for i in range(_UNKNOWNS):
+            slide["kept"][i, lane] = trial[_UNKNOWNS + i, lane]
         # so that both summands of the column are of one size
-        most = max(abs(w[GIVEN + lane]), abs(w[GIVEN + L + lane]), abs(w[GIVEN + 2 * L + lane]))
-        w[CROSSED + lane], w[SEED + lane] = 1.0, 1.0 / most
+        slide["crossed"][0, lane], slide["seed"][0, lane] = 1.0, 1.0 / largest
         return TAKEN_BACK
-    w[ON_CONE + lane] = 1.0
-    _move_with_the_crossing(w, lane)
+    slide["on_cone"][0, lane] = 1.0
+    _move_with_the_crossing(trial, slide, lane)
     return ACCEPTED
 
 
-@compiled()
-def _move_with_the_crossing(w, lane):
-    """Take the change of the crossing's pseudo-time into the derivatives of the end and into TIME_CHANGE."""
-    _, t1, t2 = deviator_of(w[TRIAL + lane], w[TRIAL + L + lane], w[TRIAL + 2 * L + lane])
+@formula
+def _move_with_the_crossing(trial, slide, lane):
+    """Take the change of the crossing's pseudo-time into the derivatives of the end and into `time_change`."""
+    p, t1, t2 = trial[0, lane], trial[1, lane], trial[2, lane]
     q = math.sqrt(t1 * t1 + t2 * t2)
-    m, by_kappa, _ = strength(w[KAPPA + lane], w[M_FIRST + lane], w[M_PEAK + lane], w[GAMMA_R + lane])
-    pc = -0.5 * (w[TRIAL + lane] + w[TRIAL + L + lane]) + w[COHESION + lane]
+    m, by_kappa, _ = _strength(slide, lane)
+    pc = p + slide["cohesion"][0, lane]
     n1, n2 = (t1 / q, t2 / q) if q > 0.0 else (0.0, 0.0)
-    w[STEP_CHANGE + lane] -= w[SEED + lane]
+    slide["step_change"][0, lane] -= slide["seed"][0, lane]
     # the first column leaves by the seed, and what it leaves with is Y' times the seed
-    for i in range(UNKNOWNS):
-        moved, kept = TRIAL_TY + i * L + lane, KEPT_COLUMN + i * L + lane
-        w[moved], w[kept] = w[kept], (w[moved] - w[kept]) / w[SEED + lane]
-    dp, d1, d2 = deviator_of(w[KEPT_COLUMN + lane], w[KEPT_COLUMN + L + lane], w[KEPT_COLUMN + 2 * L + lane])
-    speed = n1 * d1 + n2 * d2 - m * dp
-    for column in range(COLUMNS):
-        row = TRIAL_TY + column * UNKNOWNS * L + lane
-        dp, d1, d2 = deviator_of(w[row], w[row + L], w[row + 2 * L])
-        outwards = n1 * d1 + n2 * d2 - m * dp - by_kappa * pc * w[KAPPA + (1 + column) * L + lane]
+    for i in range(_UNKNOWNS):
+        moved, kept = trial[_UNKNOWNS + i, lane], slide["kept"][i, lane]
+        trial[_UNKNOWNS + i, lane], slide["kept"][i, lane] = kept, (moved - kept) / slide["seed"][0, lane]
+    speed = n1 * slide["kept"][1, lane] + n2 * slide["kept"][2, lane] - m * slide["kept"][0, lane]
+    for column in range(3):
+        row = _UNKNOWNS * (1 + column)
+        outwards = n1 * trial[row + 1, lane] + n2 * trial[row + 2, lane] - m * trial[row, lane]
+        outwards -= by_kappa * pc * slide["kappa_by"][column, lane]
         delay = -outwards / speed if speed > 0.0 else 0.0
-        for i in range(UNKNOWNS):
-            w[row + i * L] += w[KEPT_COLUMN + i * L + lane] * delay
-        w[TIME_CHANGE + column * L + lane] += w[STEP_CHANGE + column * L + lane] + delay
+        for i in range(_UNKNOWNS):
+            trial[row + i, lane] += slide["kept"][i, lane] * delay
+        slide["time_change"][column, lane] += slide["step_change"][column, lane] + delay

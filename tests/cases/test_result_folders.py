@@ -477,11 +477,10 @@ class SlowKernels:
         return time.perf_counter() - since
 
 
-def test_the_time_in_all_holds_its_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_time_in_all_holds_its_parts(tmp_path: Path) -> None:
     """Also of a first run, in which compiling takes most of it."""
     from granfabric.cases.scene.reader import load
 
-    monkeypatch.setattr("granfabric.constitutive.warm_up.compile_late", lambda go_on: [])
     file = write(tmp_path, "field.toml", FIELD)
     record = run.run_field(load(str(file)), tmp_path / "out", Screen(quiet=True), kernels=SlowKernels())  # type: ignore[arg-type]
     timing = json.loads((tmp_path / "out" / "run.json").read_text())["timing"]

@@ -9,6 +9,7 @@ from contact_law_cases import (
     ALL_CLOSURES,
     EFFECT_SETS,
     PRESSURE,
+    SHIFTED,
     Points,
     anisotropic_stress,
     closure_name,
@@ -72,6 +73,22 @@ def test_batch_equals_singles_in_any_order(closure):
         assert np.array_equal(single[0][0], stress[i])
         assert np.array_equal(single[1][0], state[i])
         assert np.array_equal(single[2][0], tangent[i])
+
+
+@pytest.mark.parametrize("effects", [Effects(), Effects(principal_rotation=False), Effects(sliding=True),
+                                     Effects(principal_rotation=False, sliding=True)], ids=effects_name)  # fmt: skip
+@pytest.mark.parametrize("closure", [Closure(), SHIFTED[0]], ids=closure_name)
+def test_lanes_without_a_point_do_not_matter(closure, effects):
+    """Batches of every size up to two blocks, some points at rest: what a lane held before, or never, is not seen."""
+    contact_law = law(closure=closure, effects=effects)
+    points, increment = random_batch(contact_law, 17, size=2e-5)
+    increment[[3, 9]] = 0.0
+    whole = points.update(increment)
+    assert whole[3].failed == 0
+    for number in range(1, 17):
+        part = Points(contact_law, points.stress[-number:], points.state[-number:]).update(increment[-number:])
+        for one, other in zip(part[:3], whole[:3], strict=True):
+            assert np.array_equal(one, other[-number:])
 
 
 def test_threads_do_not_matter():
@@ -260,14 +277,14 @@ def test_arrays_of_the_wrong_kind_are_refused():
 
 def test_parameter_names_are_those_of_the_table():
     """The kernels address the table by position."""
-    from granfabric.constitutive.lanes import load as load_lane
+    from granfabric.constitutive import material_table
 
     names = [variable.name for variable in Material.variables()]
-    assert names[load_lane.PAR_P_ZERO] == "force_density_at_zero"
-    assert names[load_lane.PAR_SHEAR] == "shear_reduction"
-    assert names[load_lane.PAR_FABRIC_XY] == "initial_fabric_xy"
-    assert names[load_lane.PAR_M_CV] == "constant_volume_stress_ratio"
-    assert len(names) == load_lane.PAR_COHESION + 1
-    assert names[load_lane.PAR_KN] == "normal_stiffness"
-    assert names[load_lane.PAR_C_N] == "force_anisotropy_ratio"
+    assert names[material_table.PAR_P_ZERO] == "force_density_at_zero"
+    assert names[material_table.PAR_SHEAR] == "shear_reduction"
+    assert names[material_table.PAR_FABRIC_XY] == "initial_fabric_xy"
+    assert names[material_table.PAR_M_CV] == "constant_volume_stress_ratio"
+    assert len(names) == material_table.PAR_COHESION + 1
+    assert names[material_table.PAR_KN] == "normal_stiffness"
+    assert names[material_table.PAR_C_N] == "force_anisotropy_ratio"
     assert PRESSURE / 1e9 == 1e-4

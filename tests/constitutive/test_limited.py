@@ -9,7 +9,10 @@ from contact_law_cases import PRESSURE, Points, law, material
 from granfabric.constitutive.contract import STATUS_TEXT, Status, UpdateReport
 from granfabric.constitutive.effects import Effects
 from granfabric.constitutive.network.contact_change import LARGEST_FORCE_ANISOTROPY
-from granfabric.constitutive.parameters import Closure
+from granfabric.constitutive.network.force_fabric import initial_force_fabric
+from granfabric.constitutive.network.shifted_distribution import network_of
+from granfabric.constitutive.network.weak_force_state import ShiftedDistribution
+from granfabric.constitutive.parameters import Closure, Material
 from granfabric.constitutive.path import Leg, drive
 
 ISOTROPIC = (-PRESSURE, -PRESSURE, 0.0)
@@ -181,3 +184,40 @@ def test_the_history_of_a_point_tells_which_increments_were_limited():
     assert limited.dtype == np.int64
     np.testing.assert_array_equal(limited, largest > LARGEST_FORCE_ANISOTROPY / 2.0)
     assert 0 < limited.sum() < len(limited) / 2
+
+
+def test_a_mean_force_never_pulls():
+    """Expansion takes the pressure: a point fails before the mean force of its contacts turns negative."""
+    grains = Material(coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9)
+    contact_law = law(materials=[grains], closure=Closure(force_change="shifted_distribution", tangential="frictional"))
+    columns = contact_law.description.columns("mean_normal_force")
+    strain = np.array([[2.955, 1.865, -0.746], [2.780, 2.615, 1.256], [3.285, 2.259, 0.196], [-2.0, -1.0, 0.5]])
+    stress = np.tile([-1e5, -1e5, 0.0], (len(strain), 1))
+    state, alive = contact_law.initial_state(stress), np.ones(len(strain), dtype=bool)
+    for _ in range(12):
+        stress_end, state_end = np.empty_like(stress), np.empty_like(state)
+        report = contact_law.update(1e-5 * strain * alive[:, None], stress, state, stress_end, state_end, None)
+        alive &= np.asarray(report.status) <= Status.LIMITED
+        assert (state_end[alive][:, columns] > 0.0).all()
+        stress, state = np.where(alive[:, None], stress_end, stress), np.where(alive[:, None], state_end, state)
+    assert alive.tolist() == [False, False, False, True]  # three are let go, one is compressed
+
+
+@pytest.mark.parametrize("fabric", [1.2, 1.39, 1.42, 1.9])
+def test_force_fabrics_that_would_pull_have_no_solution(fabric):
+    """Without deviator the mean force goes with 1 - a_c^2/2, at the start and along the way."""
+    normal, tangential, mu = np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1)
+    initial_force_fabric(np.zeros((1, 2)), np.array([[fabric, 0.0]]), 0.8, 1.0, normal, tangential, mu)
+    pushes = fabric < np.sqrt(2.0)
+    assert (mu[0] > 0.0) == pushes and np.isnan(mu[0]) != pushes
+    if pushes:
+        assert mu[0] == pytest.approx(1.0 - 0.5 * fabric**2)
+    # the same fabric, X_1 = 0 and no deviator: N keeps the initial distribution of contacts
+    closure = ShiftedDistribution(True, 0.0, 0.5, 0.5, 0.5, 0.0, 0.8, 1.0, 0.6)
+    directions = np.cos(np.pi * (np.arange(16) + 0.5) / 16)
+    origin, zero = (4.0, fabric, 0.0), (0.0, 0.0)
+    found, network, _, force = network_of(
+        (0.0, 0.0, 0.0, 0.0), zero, zero, (fabric, 0.0), origin, 0.5, zero, 1.0, closure, directions
+    )
+    assert network[1] == pytest.approx(fabric) and force[2] == pytest.approx(1.0 - 0.5 * fabric**2)
+    assert found == pushes

@@ -5,7 +5,7 @@ import pytest
 import reference_model
 from contact_law_cases import PRESSURE, Points, law, material
 
-from granfabric.constitutive.lanes.runge_kutta import TABLEAUS
+from granfabric.constitutive.integration.runge_kutta import TABLEAUS, ending_at_the_end
 
 STRESS = (-1.2e5, -0.85e5, 1e4)
 INCREMENT = (-8e-5, 6e-5, 3e-5)
@@ -42,6 +42,16 @@ def test_coefficients(name, tableau):
         assert tableau.b @ tableau.a @ c == pytest.approx(1 / 6, abs=1e-15)
     if tableau.order >= 5:
         assert tableau.b @ c**4 == pytest.approx(1 / 5, abs=1e-15)
+
+
+@pytest.mark.parametrize("tableau", TABLEAUS.values(), ids=TABLEAUS)
+def test_the_last_stage_is_the_end(tableau):
+    """As kernels take the pairs: a stage without weight is added where none is at the end; nothing else changes."""
+    closed = ending_at_the_end(tableau)
+    assert np.array_equal(closed.a[-1], closed.b)
+    n = len(tableau.b)
+    assert np.array_equal(closed.b[:n], tableau.b) and np.array_equal(closed.a[:n, :n], tableau.a)
+    assert np.array_equal(closed.error[:n], tableau.error) and not closed.b[n:].any() and not closed.error[n:].any()
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from contact_law_cases import ALL_CLOSURES, EFFECT_SETS, SHIFTED, Points, closure_name, effects_name, law, material
 
-from granfabric.constitutive.lanes.runge_kutta import TABLEAUS
+from granfabric.constitutive.integration.runge_kutta import TABLEAUS
 from granfabric.constitutive.parameters import Closure
 
 STRESS = np.array([(-1.2e5, -0.85e5, 1e4), (-1.0e5, -1.0e5, 0.0), (-0.7e5, -1.1e5, -2e4), (-1.3e5, -1.1e5, 0.0)])

@@ -356,3 +356,10 @@ def test_segments_that_can_be_read_once_are_kept():
     assert RunOptions(segments=leg) == RunOptions(segments=(leg,))
     with pytest.raises(SampleError, match="a run consists of segments, of the class Segment, not of 3"):
         RunOptions(segments=[3])
+
+
+def test_no_two_kernels_share_stored_code():
+    """What is stored under one name would be loaded for the other: code for several threads where one is wanted."""
+    kernels = (*KERNELS, stepping.advance_two_threads)
+    places = {(kernel._cache.cache_path, kernel.py_func.__qualname__) for kernel in kernels}
+    assert len(places) == len(kernels)

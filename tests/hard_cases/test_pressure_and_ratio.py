@@ -24,8 +24,8 @@ from hard_laws import (
 )
 
 from granfabric.constitutive.contract import Status
-from granfabric.constitutive.lanes.runge_kutta import SMALLEST_COORDINATION
 from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.network.point import SMALLEST_COORDINATION
 from granfabric.constitutive.parameters import Closure, Integration
 
 P0 = 0.5

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from granfabric.constitutive.contract import Status
 from granfabric.constitutive.effects import Effects
-from granfabric.constitutive.lanes.runge_kutta import TABLEAUS
+from granfabric.constitutive.integration.runge_kutta import TABLEAUS
 from granfabric.constitutive.law import ContactLaw
 from granfabric.constitutive.parameters import Closure, Integration, Material
 

@@ -27,10 +27,6 @@ LARGEST_CHANGE = 0.5
 the error means nothing beyond."""
 APEX_FRACTION = 1e-6
 """A point that gets stuck at less than this fraction of its start pressure is reported as having lost its pressure."""
-SMALLEST_COORDINATION = 1e-6
-"""A network of fewer contacts a particle is none: the point is refused instead of strained without bound."""
-LARGEST_COORDINATION = 1e3
-"""Coordination number above which a state is none of grains; neither could its stiffness be computed at some size."""
 SMALLEST_SUBSTEP = 1e-13
 """A substep smaller than this fraction of the increment is a failure."""
 
@@ -120,3 +116,16 @@ TABLEAUS: dict[str, Tableau] = {
     ),
     "kennedy_carpenter": _kennedy_carpenter(),
 }
+
+
+def ending_at_the_end(tableau: Tableau) -> Tableau:
+    """The same scheme with its end as last stage: the rates there are the next substep's first ones.
+
+    Pairs that have no such stage get one without weight.
+    """
+    if np.array_equal(tableau.a[-1], tableau.b):
+        return tableau
+    s = len(tableau.b)
+    a = np.zeros((s + 1, s + 1))
+    a[:s, :s], a[s, :s] = tableau.a, tableau.b
+    return Tableau(a, np.append(tableau.b, 0.0), np.append(tableau.error, 0.0), tableau.order, tableau.error_order)
