@@ -113,9 +113,11 @@ def test_energy_balance_closes(packing, path):
 
 
 def test_momentum_of_a_packing_stays_zero(packing):
-    motion = sheared(packing, 5000)
-    total = np.abs(motion.sample.velocity.sum(axis=0)).max()
-    assert total < 1e-10 * np.abs(motion.sample.velocity).sum()
+    """Exactly without drag; with it, which loose disks do not feel, it stays a small part of what is there."""
+    for damping, allowed in ((0.0, 1e-10), (0.02, 2e-2)):
+        motion = sheared(packing, 5000, damping=damping)
+        total = np.abs(motion.sample.velocity.sum(axis=0)).max()
+        assert total < allowed * np.abs(motion.sample.velocity).sum()
 
 
 @pytest.mark.slow
