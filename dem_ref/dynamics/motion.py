@@ -13,7 +13,7 @@ quasi-static limit neither mass nor drag matters, so both are chosen for speed:
   disks that have at least three contacts at the moment. One with fewer flies freely: dragged along with the cell, a
   disk that carries nothing would be pressed onto neighbours which move otherwise, with a force that shrinks with the
   rate while the contact stays. The corner into which a force pushes a disk has two sides, so that drag alone never
-  makes the third contact. Between 0.002 and 0.6 the drag changes neither contacts nor forces (measured in
+  makes the third contact. From a tenth to ten times the default, contacts and forces are the same (measured:
   `docs/guide/verification.md`); the default is where a loading needs the fewest steps.
 
 Displacements in a dense packing are far smaller than disks. Directions and lengths of branch vectors are therefore kept
