@@ -47,7 +47,7 @@ FLOORS: dict[str, tuple[str, ...]] = {
         *("arrays", "compilation", "sample", "threads", "dynamics", "measures", "loading", "inputs", "ensemble"),
     ),
     "cases": (
-        *("errors", "terminal", "scene", "records", "field", "pictures", "effects", "verify", "cost", "commands"),
+        *("errors", "terminal", "scene", "records", "field", "pictures", "effects", "fit", "verify", "cost", "commands"),
         "__main__",
     ),
 }

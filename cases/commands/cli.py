@@ -76,6 +76,21 @@ SetOption = Annotated[
         help="Override a key of the scene, e.g. material.coordination=3.9; files are relative to the working folder.",
     ),
 ]
+DataSetOption = Annotated[
+    Optional[list[str]],  # noqa: UP045
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Of curves: material_file, keys of material, closure, effects, integration; initial.stress, "
+        "control=stress|strain, start=material|row, scale.COLUMN.",
+    ),
+]
+DataOption = Annotated[
+    Optional[list[str]],  # noqa: UP045
+    typer.Option(
+        "--data", metavar="FILE.csv", help="Instead of the DEM: curves of yours (once for each file), nothing is fitted."
+    ),
+]
 UpgradeOption = Annotated[
     bool,
     typer.Option("--upgrade", help="Run again with the effects of which the audit says that they were missing."),
@@ -223,15 +238,57 @@ def verify(
     ] = Path("results/verify"),
     particles: Annotated[int, typer.Option("--particles", metavar="N", help="Disks of a packing.")] = 2500,
     seeds: Annotated[int, typer.Option("--seeds", metavar="K", help="Packings; their scatter is the yardstick.")] = 1,
+    data: DataOption = None,
+    assignments: DataSetOption = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:
-    """Compare the point law with the DEM: the source's four figures and a table of errors."""
+    """Compare the point law with the DEM: the source's four figures and a table of errors. With --data with curves."""
     with _speaking(quiet, verbose) as screen:
+        if data:
+            from .fit import curves_of, run_comparison
+
+            _exit(run_comparison(curves_of(data), output, screen, assignments or [], overwrite)[0].outcome)
+            return
+        if assignments:
+            raise InputError("--set goes with --data: without curves of yours all inputs are measured on the packings")
         from .verify import run_verify
 
         _exit(run_verify(output, particles, seeds, screen, overwrite).outcome)
+
+
+@app.command()
+def fit(
+    curves: Annotated[
+        list[str], typer.Argument(metavar="FILE.csv...", help="Curves with a header: q/p or stresses, z, a_c, strain ...")
+    ],
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("-o", "--output", metavar="DIR", help="Result folder, results/FILE_fit if not given."),
+    ] = None,
+    free: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option("--free", metavar="NAME,...", help="Parameters to fit; those that the curves tell if not given."),
+    ] = None,
+    material_file: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            "--material-file", metavar="NAME", help="Where the fit begins, and what is held: a file or a shipped name."
+        ),
+    ] = None,
+    assignments: DataSetOption = None,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
+) -> None:
+    """Fit parameters of the point law to measured curves: a material file with standard errors, residuals, a picture."""
+    with _speaking(quiet, verbose) as screen:
+        from .fit import curves_of, run_fit
+
+        folder = _folder(output, f"{Path(curves[0]).stem}_fit")
+        record, _ = run_fit(curves_of(curves), folder, screen, free or [], material_file, assignments or [], overwrite)
+        _exit(record.outcome)
 
 
 @app.command()

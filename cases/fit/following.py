@@ -23,6 +23,8 @@ LARGEST_TURN = 5.0
 """[degrees] of the principal axes in one leg between rows that are given by p, q and their direction."""
 ENOUGH_TURN = 1e-6
 """Part of the stress deviator across its first direction, over the stress, from which principal axes count as turning."""
+NOTHING = 1e-9
+"""Shear component over the largest one below which it is rounding."""
 STRAIN_OF_NOTHING = 1e-6
 """Scale of a column of strains that are all zero."""
 
@@ -51,6 +53,8 @@ class Followed:
         As prescribed; NaN where strain is.
     axis : ndarray, shape (2,)
         Direction along which signed anisotropies count, in the double-angle plane.
+    turns : bool
+        Whether principal axes leave the line on which they began; then they count by magnitude.
     """
 
     curve: Curve
@@ -64,6 +68,7 @@ class Followed:
     pressure: Array
     stress_ratio: Array
     axis: Array
+    turns: bool
 
 
 def follow(
@@ -126,7 +131,8 @@ def follow(
     weights = {name: _scale(curve, name, values, start, scales or {}) for name, values in compared.items()}
     known = frozenset(name for name in compared if name in curve.errors)
     axis = _axis(table if kinds == ["stress"] * 3 else np.array([start]))
-    return Followed(curve, start, legs, row_steps, driven, compared, weights, known, pressure, ratio, axis)
+    turns = _turns(curve, table, kinds)
+    return Followed(curve, start, legs, row_steps, driven, compared, weights, known, pressure, ratio, axis, turns)
 
 
 def _complete(curve: Curve, name: str) -> Array:
@@ -289,6 +295,8 @@ def _compared(curve: Curve, strains: dict[str, Array], driven: set[str], kinds: 
         if name == "q" and "stress_ratio" in have and "p" in have:
             continue
         values = strains.get(name, have[name])
+        if name in ("strain_xy", "stress_xy") and _is_nothing(curve, name, values):
+            continue  # coaxial: zero by symmetry, not by measurement
         if name in ("volumetric_strain", "shear_strain") and {"strain_xx", "strain_yy"} <= set(have):
             continue
         found[name] = values
@@ -299,6 +307,12 @@ def _compared(curve: Curve, strains: dict[str, Array], driven: set[str], kinds: 
             for other in [name] if turns else parts:
                 del found[other]
     return {name: values for name, values in found.items() if np.isfinite(values[1:]).any()}
+
+
+def _is_nothing(curve: Curve, name: str, values: Array) -> bool:
+    """Whether a shear component is zero but for rounding."""
+    family = [curve.columns[other] for other in (STRAIN if name in STRAIN else STRESS) if other in curve.columns]
+    return bool(np.nanmax(np.abs(values)) <= NOTHING * max(np.nanmax(np.abs(other)) for other in family))
 
 
 def _turns(curve: Curve, table: Array, kinds: list[Control]) -> bool:

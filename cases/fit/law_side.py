@@ -31,11 +31,15 @@ class Answer:
         Rows that were reached.
     message : str
         Why not all, if so.
+    pressure, stress_ratio : ndarray, shape (nrows,)
+        p [Pa] and q/p on the way.
     """
 
     columns: dict[str, Array]
     reached: int
     message: str
+    pressure: Array
+    stress_ratio: Array
 
 
 class LawSide:
@@ -75,11 +79,13 @@ class LawSide:
             return self._refused(curve, str(error))
         reached = int(np.count_nonzero(curve.row_steps < len(history.columns["step"])))
         columns = {}
-        for name in curve.compared:
+        for name in (*curve.compared, "p", "stress_ratio"):
             values = np.full(curve.curve.rows, np.nan)
             values[:reached] = _column(name, history, curve)[curve.row_steps[:reached]]
             columns[name] = values
-        return Answer(columns, reached, "" if history.finished else history.message.partition(": ")[2])
+        path = [np.where(np.isnan(told), columns[name], told) for name, told in _path(curve)]
+        message = "" if history.finished else history.message.partition(": ")[2]
+        return Answer({name: columns[name] for name in curve.compared}, reached, message, path[0], path[1])
 
     def _state(self, law: ContactLaw, curve: Followed) -> Array | None:
         """State at the start from the first row, as far as that tells it; None for the material's."""
@@ -97,7 +103,12 @@ class LawSide:
 
     @staticmethod
     def _refused(curve: Followed, message: str) -> Answer:
-        return Answer({name: np.full(curve.curve.rows, np.nan) for name in curve.compared}, 0, message)
+        nothing = {name: np.full(curve.curve.rows, np.nan) for name in curve.compared}
+        return Answer(nothing, 0, message, curve.pressure, curve.stress_ratio)
+
+
+def _path(curve: Followed) -> list[tuple[str, Array]]:
+    return [("p", curve.pressure), ("stress_ratio", curve.stress_ratio)]
 
 
 def first_row(curve: Followed) -> dict[str, float]:
@@ -131,11 +142,12 @@ def _column(name: str, history: PathHistory, curve: Followed) -> Array:
     if name == "shear_strain":
         return np.hypot(columns["strain_xx"] - columns["strain_yy"], columns["strain_xy"])
     if name in VECTORS:
-        return _signed(columns, name, curve.axis)
+        return _signed(columns, name, curve)
     return np.asarray(columns[name], dtype=float)
 
 
-def _signed(columns: Mapping[str, Array], name: str, axis: Array) -> Array:
-    """Magnitude of a vector of the double-angle plane with the sign of its part along an axis."""
+def _signed(columns: Mapping[str, Array], name: str, curve: Followed) -> Array:
+    """A vector of the double-angle plane as one number: its part along the axis, or its magnitude with that sign."""
     one, two = columns[f"{name}_1"], columns[f"{name}_2"]
-    return np.asarray(np.copysign(np.hypot(one, two), one * axis[0] + two * axis[1]))
+    along = one * curve.axis[0] + two * curve.axis[1]
+    return np.asarray(np.copysign(np.hypot(one, two), along) if curve.turns else along)

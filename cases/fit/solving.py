@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 
 MOST_STEPS = 100
 TOLERANCE = 1e-9
+"""Relative change of parameters, or of the sum of squares, at which the search ends."""
+GRADIENT = 1e-6
+"""Largest slope of half the sum of squares at which it ends."""
 STARTS = 40
 """Other starts that are tried where the law refuses to follow from the first."""
 APART = 0.5
@@ -115,7 +118,7 @@ def search(
     try:
         found = least_squares(
             function, begin, jac=jacobian, bounds=(limits[:, 0], limits[:, 1]), method="trf", max_nfev=MOST_STEPS,
-            xtol=TOLERANCE, ftol=TOLERANCE, gtol=TOLERANCE,
+            xtol=TOLERANCE, ftol=TOLERANCE, gtol=GRADIENT,
         )  # fmt: skip
     except StoppedError:
         if not best:

@@ -29,6 +29,8 @@ STEPS_SHOWN = 30
 LARGE_ERROR = 0.5
 """Standard error over the value from which a parameter counts as hardly told."""
 CORRELATED = 0.95
+NUMERICAL = 1e-3
+"""Deviations, in scales, below which nobody asks whether they are scatter."""
 DIFFERENT_STARTS = 3.0
 """Scales by which first rows of several curves differ from their mean before this is said."""
 
@@ -268,10 +270,11 @@ def remarks(fitted: Fitted) -> list[str]:
                     said.append(
                         f"{other} and {one} are told apart badly: correlation {found.correlation[row, column]:+.3f}"
                     )
-        for name, factor in found.connected.items():
+        telling = [name for name in found.connected if found.scatter[name] > NUMERICAL]
+        if telling:
             said.append(
-                f"{name}: the law departs from the curve by more than scatter (neighbouring deviations are alike); "
-                f"standard errors from this column are widened by {factor:.1f}"
+                f"{', '.join(telling)}: the law departs from the curve by more than scatter (neighbouring deviations "
+                f"are alike); standard errors are widened for it, by up to {max(found.connected.values()):.1f}"
             )
     return said + _starts(fitted.curves, fitted.base)
 
