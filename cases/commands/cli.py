@@ -88,7 +88,7 @@ DataSetOption = Annotated[
 DataOption = Annotated[
     Optional[list[str]],  # noqa: UP045
     typer.Option(
-        "--data", metavar="FILE.csv", help="Instead of the DEM: curves of yours (once for each file), nothing is fitted."
+        "--data", metavar="FILE.csv", help="Instead of the DEM: a curve of yours (or several); nothing is fitted."
     ),
 ]
 UpgradeOption = Annotated[
@@ -261,7 +261,7 @@ def verify(
 @app.command()
 def fit(
     curves: Annotated[
-        list[str], typer.Argument(metavar="FILE.csv...", help="Curves with a header: q/p or stresses, z, a_c, strain ...")
+        list[str], typer.Argument(metavar="FILE.csv...", help="Curves with a header: q/p or stresses, z, a_c, strain.")
     ],
     output: Annotated[
         Optional[Path],  # noqa: UP045
@@ -282,7 +282,7 @@ def fit(
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:
-    """Fit parameters of the point law to measured curves: a material file with standard errors, residuals, a picture."""
+    """Fit parameters of the point law to measured curves: material file with standard errors, residuals, picture."""
     with _speaking(quiet, verbose) as screen:
         from .fit import curves_of, run_fit
 

@@ -38,8 +38,6 @@ class Column:
     scale : float
         Deviation that counts as one where the file gives no errors: absolute, of stresses a fraction of the pressure
         at the start, of strains a fraction of the largest in the column. Zero: the column is followed, not compared.
-    symbol : str
-        For pictures.
     """
 
     name: str
@@ -47,40 +45,37 @@ class Column:
     unit: str
     meaning: str
     scale: float
-    symbol: str
 
 
 def _vector(name: str, short: str, old: str, meaning: str) -> list[Column]:
-    symbol = f"{short[0]}_{{{short[2]}}}"
     return [
-        Column(name, (short,), "-", f"{meaning}, positive along the first major stress", 0.01, f"${symbol[:-1]}}}$"),
-        Column(f"{name}_1", (f"{short}_1", f"{old}_xx"), "-", f"{meaning}, component along cos 2 theta", 0.01,
-               f"${short[0]}_{{{short[2]},1}}$"),
-        Column(f"{name}_2", (f"{short}_2", f"{old}_xy"), "-", f"{meaning}, component along sin 2 theta", 0.01,
-               f"${short[0]}_{{{short[2]},2}}$"),
-    ]  # fmt: skip
+        Column(name, (short,), "-", f"{meaning}, positive along the first major stress", 0.01),
+        Column(f"{name}_1", (f"{short}_1", f"{old}_xx"), "-", f"{meaning}, component along cos 2 theta", 0.01),
+        Column(f"{name}_2", (f"{short}_2", f"{old}_xy"), "-", f"{meaning}, component along sin 2 theta", 0.01),
+    ]
 
 
 COLUMNS: tuple[Column, ...] = (
-    Column("stress_xx", ("sigma_xx",), "Pa", "stress xx, tension positive", 0.01, r"$\sigma_{xx}$"),
-    Column("stress_yy", ("sigma_yy",), "Pa", "stress yy, tension positive", 0.01, r"$\sigma_{yy}$"),
-    Column("stress_xy", ("sigma_xy",), "Pa", "shear stress xy", 0.01, r"$\sigma_{xy}$"),
-    Column("p", (), "Pa", "mean pressure -(stress_xx + stress_yy)/2, positive in compression", 0.01, "$p$"),
-    Column("q", (), "Pa", "half the difference of the principal stresses; below zero: the axes exchanged", 0.01, "$q$"),
-    Column("stress_ratio", ("q/p", "eta"), "-", "q/p", 0.005, "$q/p$"),
-    Column("major_stress_angle", ("theta",), "degrees", "direction of the major compressive stress from x, "
-           "anticlockwise; 90 (the y axis) if not given", 0.0, r"$\theta$"),
-    Column("strain_xx", ("eps_xx", "epsilon_xx"), "-", "strain xx, tension positive", 0.02, r"$\varepsilon_{xx}$"),
-    Column("strain_yy", ("eps_yy", "epsilon_yy"), "-", "strain yy, tension positive", 0.02, r"$\varepsilon_{yy}$"),
-    Column("strain_xy", ("gamma_xy",), "-", "engineering shear strain gamma_xy", 0.02, r"$\gamma_{xy}$"),
-    Column("volumetric_strain", ("eps_v",), "-", "strain_xx + strain_yy, dilation positive", 0.02,
-           r"$\varepsilon_{v}$"),
-    Column("shear_strain", ("gamma",), "-", "difference of the principal strains, not below zero", 0.02, r"$\gamma$"),
-    Column("coordination", ("z",), "-", "coordination number, counted as the material's is", 0.02, "$z$"),
+    Column("stress_xx", ("sigma_xx",), "Pa", "stress xx, tension positive", 0.01),
+    Column("stress_yy", ("sigma_yy",), "Pa", "stress yy, tension positive", 0.01),
+    Column("stress_xy", ("sigma_xy",), "Pa", "shear stress xy", 0.01),
+    Column("p", (), "Pa", "mean pressure -(stress_xx + stress_yy)/2, positive in compression", 0.01),
+    Column("q", (), "Pa", "half the difference of the principal stresses; below zero: the axes exchanged", 0.01),
+    Column("stress_ratio", ("q/p", "eta"), "-", "q/p", 0.005),
+    Column(
+        "major_stress_angle", ("theta",), "degrees",
+        "direction of the major compressive stress from x, anticlockwise; 90 (the y axis) if not given", 0.0,
+    ),
+    Column("strain_xx", ("eps_xx", "epsilon_xx"), "-", "strain xx, tension positive", 0.02),
+    Column("strain_yy", ("eps_yy", "epsilon_yy"), "-", "strain yy, tension positive", 0.02),
+    Column("strain_xy", ("gamma_xy",), "-", "engineering shear strain gamma_xy", 0.02),
+    Column("volumetric_strain", ("eps_v",), "-", "strain_xx + strain_yy, dilation positive", 0.02),
+    Column("shear_strain", ("gamma",), "-", "difference of the principal strains, not below zero", 0.02),
+    Column("coordination", ("z",), "-", "coordination number, counted as the material's is", 0.02),
     *_vector("fabric_anisotropy", "a_c", "fabric", "fabric anisotropy"),
     *_vector("normal_force_anisotropy", "a_n", "normal_force", "normal-force anisotropy"),
     *_vector("tangential_force_anisotropy", "a_t", "tangential_force", "tangential-force anisotropy"),
-    Column("mean_normal_force", ("f/f0",), "-", "mean normal force over that of the first row", 0.01, "$f/f_0$"),
+    Column("mean_normal_force", ("f/f0",), "-", "mean normal force over that of the first row", 0.01),
 )  # fmt: skip
 BY_NAME = {column.name: column for column in COLUMNS}
 LEGAL = {other: column.name for column in COLUMNS for other in (column.name, *column.short)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -22,7 +23,7 @@ CONSISTENT = 0.02
 LARGEST_TURN = 5.0
 """[degrees] of the principal axes in one leg between rows that are given by p, q and their direction."""
 ENOUGH_TURN = 1e-6
-"""Part of the stress deviator across its first direction, over the stress, from which principal axes count as turning."""
+"""Part of the stress deviator across its first direction, over the stress, from which principal axes turn."""
 NOTHING = 1e-9
 """Shear component over the largest one below which it is rounding."""
 STRAIN_OF_NOTHING = 1e-6
@@ -72,7 +73,10 @@ class Followed:
 
 
 def follow(
-    curve: Curve, control: Preferred, initial_stress: Array | None = None, scales: dict[str, float] | None = None
+    curve: Curve,
+    control: Preferred | Sequence[Preferred],
+    initial_stress: Array | None = None,
+    scales: dict[str, float] | None = None,
 ) -> Followed:
     """How a curve is followed.
 
@@ -82,7 +86,7 @@ def follow(
     Parameters
     ----------
     curve : Curve
-    control : {"stress", "strain"}
+    control : {"stress", "strain"}, or three of them for xx, yy, xy
         What is prescribed where both are given.
     initial_stress : ndarray, shape (3,), optional
         Of components that the first row does not tell.
@@ -98,8 +102,9 @@ def follow(
     stresses, used = _stresses(curve, initial_stress)
     start = _initial(curve, stresses, initial_stress)
     kinds: list[Control] = []
-    for number, (stress, strain) in enumerate(zip(STRESS, STRAIN)):
-        by_strain = strain in strains and (control == "strain" or stresses[number] is None)
+    preferred = [control] * 3 if isinstance(control, str) else list(control)
+    for number, strain in enumerate(STRAIN):
+        by_strain = strain in strains and (preferred[number] == "strain" or stresses[number] is None)
         kinds.append("strain" if by_strain else "stress")
     given = [kinds[n] == "strain" or stresses[n] is not None for n in range(3)]
     if not any(given):
@@ -113,7 +118,7 @@ def follow(
         table[:, number] = start[number] if column is None else column
     wanted = {STRESS[n] if kinds[n] == "stress" else STRAIN[n] for n in range(3) if given[n]}
     driven = [name for name in curve.columns if name in wanted]
-    if any(kinds[n] == "stress" and given[n] for n in range(3)):
+    if kinds[0] == kinds[1] == "stress" and any(given[:2]):
         driven += [name for name in used if name not in driven]
     legs, row_steps = _legs(curve, tuple(kinds), table, used)
     pressure = ratio = np.full(curve.rows, np.nan)
@@ -279,7 +284,9 @@ def _between(curve: Curve, table: Array, row: int, turns: bool) -> Array:
     return np.vstack([np.column_stack(_components(*mixed)), end])
 
 
-def _compared(curve: Curve, strains: dict[str, Array], driven: set[str], kinds: list[Control], table: Array) -> dict[str, Array]:  # fmt: skip
+def _compared(
+    curve: Curve, strains: dict[str, Array], driven: set[str], kinds: list[Control], table: Array
+) -> dict[str, Array]:
     """Columns that the law is compared with, each quantity once."""
     have = curve.columns
     components = any(name in have for name in STRESS)
@@ -292,6 +299,8 @@ def _compared(curve: Curve, strains: dict[str, Array], driven: set[str], kinds: 
             continue
         if name in INVARIANTS and (components or kinds[0] == kinds[1] == "stress"):
             continue  # told by the components
+        if name in ("p", "stress_ratio") and "stress" in kinds[:2]:
+            continue  # one normal stress is prescribed: q tells the other
         if name == "q" and "stress_ratio" in have and "p" in have:
             continue
         values = strains.get(name, have[name])

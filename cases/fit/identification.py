@@ -83,8 +83,8 @@ def refusal(free: Sequence[Free], jacobian: Array) -> InputError | None:
         elif 1.0 / sizes[place] > TOLD:
             texts.append(
                 f"--free: {entry.name} cannot be identified: its standard error would be {1.0 / sizes[place]:.2g} "
-                f"times its size ({entry.size:.3g}) at the scales of these curves; it is told by {told_by(entry.name)}, "
-                "or by smaller errors (columns NAME_error, --set scale.NAME=...)"
+                f"times its size ({entry.size:.3g}) at the scales of these curves; it is told by "
+                f"{told_by(entry.name)}, or by smaller errors (columns NAME_error, --set scale.NAME=...)"
             )
         else:
             seen.append(place)

@@ -91,7 +91,7 @@ def read_curve(file: Path) -> Curve:
 def _parsed(text: str, file: Path) -> Curve:
     lines, rows = _cells(text, file)
     if not rows:
-        raise InputError(f"{file}: the file is empty; the first line names the columns, for instance stress_ratio,z,a_c")
+        raise InputError(f"{file}: the file is empty; its first line names the columns: p,q,z,a_c")
     head, body = rows[0], rows[1:]
     if all(_number(cell) is not None for cell in head):
         raise InputError(
@@ -181,7 +181,8 @@ def _checked(
         for row, cell in enumerate(table[position]):
             value = _number(cell)
             if value is None or abs(value * factor) >= LARGEST:
-                wrong.append(f"{place}, line {lines[row]}, column {given.strip()}: {short(cell)} is not a finite number")
+                said = f"{place}, line {lines[row]}, column {short(given.strip())[1:-1]}"
+                wrong.append(f"{said}: {short(cell)} is not a finite number")
             else:
                 values[row] = value * factor
         columns[column] = values

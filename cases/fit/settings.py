@@ -34,6 +34,9 @@ FIRST_STIFFNESS = 1e4
 """Normal stiffness over the mean pressure at which a fit of it begins."""
 
 
+Preferred = Literal["stress", "strain"]
+
+
 class InitialSection(Section):
     """State before any loading, where the first row of a curve does not tell it."""
 
@@ -48,7 +51,7 @@ class Settings(Section):
     effects: EffectsSection = Field(default=EffectsSection())
     integration: IntegrationSection = Field(default=IntegrationSection())
     initial: InitialSection = Field(default=InitialSection())
-    control: Literal["stress", "strain"] = Field(default="stress")
+    control: Preferred | Annotated[list[Preferred], Field(min_length=3, max_length=3)] = Field(default="stress")
     start: Literal["material", "row"] = Field(default="material")
     scale: dict[str, Annotated[float, Field(gt=0.0, le=1e300)]] = Field(default={})
 
@@ -118,7 +121,8 @@ class Base:
         ------
         ParameterError
         """
-        return Closure(**self.closure, **{name: values[name] for name in CLOSURE_NUMBERS})
+        numbers: dict[str, Any] = {name: values[name] for name in CLOSURE_NUMBERS}
+        return Closure(**self.closure, **numbers)
 
 
 MATERIAL_NAMES = tuple(variable.name for variable in Material.variables())

@@ -18,7 +18,7 @@ from .law_side import Answer, LawSide, first_row
 from .parameters import Free, candidates, free_parameter, named, values_of
 from .reading import Curve
 from .settings import Base, Given
-from .solving import first_sought, search, start
+from .solving import Search, search, start
 from .uncertainty import Uncertainty, uncertainty
 
 Array = NDArray[np.float64]
@@ -227,10 +227,15 @@ def fit(
     return _finished(base, followed, deviations, chosen, held, result)
 
 
-def _finished(base: Base, followed: list[Followed], deviations: Deviations, chosen: list[Free], held: dict[str, float], result: object) -> Fitted:  # fmt: skip
-    from .solving import Search
-
-    assert isinstance(result, Search)
+def _finished(
+    base: Base,
+    followed: list[Followed],
+    deviations: Deviations,
+    chosen: list[Free],
+    held: dict[str, float],
+    result: Search,
+) -> Fitted:
+    """The fit with errors, after a search that may have been stopped."""
     values = values_of(chosen, result.sought, held)
     on_bound = {entry.name: side for entry in chosen if (side := entry.bound(values[entry.name]))}
     inner = [entry for entry in chosen if entry.name not in on_bound]
@@ -294,5 +299,3 @@ def _starts(curves: list[Followed], base: Base) -> list[str]:
         "of a common one"
     ]
 
-
-__all__ = ["Compared", "Fitted", "compare", "fit", "first_sought", "prepare", "remarks"]

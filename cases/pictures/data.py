@@ -21,6 +21,7 @@ VARIES = 1e-3
 LABELS = {
     "coordination": "$z$ [-]", "fabric_anisotropy": "$a_c$ [-]", "normal_force_anisotropy": "$a_n$ [-]",
     "tangential_force_anisotropy": "$a_t$ [-]", "mean_normal_force": "$f/f_0$ [-]", "stress_ratio": "$q/p$ [-]",
+    "strain_xx": r"$\varepsilon_{xx}$ [-]", "strain_yy": r"$\varepsilon_{yy}$ [-]", "strain_xy": r"$\gamma_{xy}$ [-]",
 }  # fmt: skip
 
 Columns = dict[str, NDArray[Any]]
@@ -44,7 +45,7 @@ def draw_data(folder: Path, table: str, title: str) -> list[Path]:
     columns = {name: np.array(values) for name, values in files.read_csv(folder / table).items()}
     quantities = list(dict.fromkeys(str(name) for name in columns["quantity"]))
     curves = list(dict.fromkeys(str(name) for name in columns["curve"]))
-    across = min(ACROSS, len(quantities))
+    across = len(quantities) if len(quantities) <= ACROSS else 3 if len(quantities) <= 6 else ACROSS
     bands = -(-len(quantities) // across)
     axis, label, factor = horizontal(columns, curves)
     with picture(path, max(3.6 * across, 6.0), 4.4 * bands + 0.5) as figure:

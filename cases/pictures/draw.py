@@ -17,7 +17,6 @@ from granfabric.constitutive.path import POINT_COLUMNS
 from granfabric.dem_ref.loading.run import HISTORY_COLUMNS
 from granfabric.dem_ref.sample.disks import SampleError
 
-
 DATA_TABLES = {"fit": "fit.csv", "data": "data.csv"}
 """Table from which a fit, or a comparison with a user's curves, is drawn."""
 DATA_NUMBERS = ("p", "stress_ratio", "data", "law", "deviation")

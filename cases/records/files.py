@@ -32,7 +32,10 @@ PICTURES = (
     *("closed_form.png", "convergence.png", *(f"figure_{number}.png" for number in range(1, 7))),
     *("fit.png", "data.png"),
 )
-TABLES = ("verify.csv", "verify.md", "paths.csv", "probes.csv", "closures.csv", "convergence.csv", "fit.csv", "data.csv")
+TABLES = (
+    *("verify.csv", "verify.md", "paths.csv", "probes.csv", "closures.csv", "convergence.csv"),
+    *("fit.csv", "data.csv"),
+)
 LOG = "run.log"
 SERIES = ("result", "points", "particles", "contacts")
 OWN_FILES = (
