@@ -66,6 +66,15 @@ TOLD_BY = {
 """Curves that tell a parameter, for sentences."""
 ANY = "curves that change when it does"
 
+SYMBOLS = {
+    "z": "coordination", "z0": "coordination", "phi": "solid_fraction", "kn": "normal_stiffness",
+    "kt/kn": "stiffness_ratio", "P0": "force_density_at_zero", "P_xi0": "gap_density_at_zero",
+    "c_n": "force_anisotropy_ratio", "z_iso": "isostatic_coordination", "chi": "weak_contact_ratio",
+    "chi_p": "weak_contact_ratio_isotropic", "c_e": "elastic_scatter", "c_p": "elastic_scatter_isotropic",
+    "c_i": "irreversible_scatter", "c_t": "tangential_force_ratio", "M_peak": "peak_stress_ratio",
+}  # fmt: skip
+"""Symbols that are taken for names."""
+
 ABOUT_ZERO = {"initial_fabric_xx": 0.1, "initial_fabric_xy": 0.1, "first_yield_stress_ratio": 0.1}
 """A change that matters, of parameters that may be zero."""
 
@@ -144,6 +153,7 @@ def named(texts: Sequence[str]) -> list[str]:
     wrong = []
     for text in (part.strip() for entry in texts for part in entry.split(",")):
         section, _, key = text.rpartition(".")
+        key = SYMBOLS.get(key, key)
         if key not in NUMBERS or section not in ("", "material", "closure"):
             wrong.append(f"--free: {unknown('the parameter', text, NUMBERS, spelled=key)}")
         elif key not in found:

@@ -6,13 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, field_validator
 
-from granfabric.cases.errors import InputError, several, unknown
+from granfabric.cases.errors import InputError, several, short, unknown
 from granfabric.cases.scene import catalogue
 from granfabric.cases.scene.material_file import LAW_TABLES, closure_table, read_material
 from granfabric.cases.scene.reader import assign, parse_assignment
@@ -22,7 +22,7 @@ from granfabric.cases.scene.validation_messages import messages
 from granfabric.constitutive.effects import Effects
 from granfabric.constitutive.parameters import CLOSURE_NUMBERS, Closure, Integration, Material, ParameterError
 
-from .columns import BY_NAME, LEGAL
+from .columns import LEGAL
 
 FORCE_CHANGE = "shifted_distribution"
 """Closure if nobody names one."""
@@ -34,7 +34,11 @@ FIRST_STIFFNESS = 1e4
 """Normal stiffness over the mean pressure at which a fit of it begins."""
 
 
-Preferred = Literal["stress", "strain"]
+CONTROLS = ("stress", "strain")
+
+
+SCALES = (1e-12, 1e12)
+"""Smallest and largest scale of a column."""
 
 
 class InitialSection(Section):
@@ -51,9 +55,25 @@ class Settings(Section):
     effects: EffectsSection = Field(default=EffectsSection())
     integration: IntegrationSection = Field(default=IntegrationSection())
     initial: InitialSection = Field(default=InitialSection())
-    control: Preferred | Annotated[list[Preferred], Field(min_length=3, max_length=3)] = Field(default="stress")
+    control: Any = Field(default="stress")
     start: Literal["material", "row"] = Field(default="material")
-    scale: dict[str, Annotated[float, Field(gt=0.0, le=1e300)]] = Field(default={})
+    scale: dict[str, float] = Field(default={})
+
+    @field_validator("control")
+    @classmethod
+    def _known(cls, value: Any) -> Any:
+        several_kinds = isinstance(value, list) and len(value) == 3
+        if not all(kind in CONTROLS for kind in (value if several_kinds else [value])):
+            raise ValueError(f"{short(value)} is neither of 'stress', 'strain' nor three of them for xx, yy, xy")
+        return value
+
+    @field_validator("scale")
+    @classmethod
+    def _above_zero(cls, value: dict[str, float]) -> dict[str, float]:
+        for name, scale in value.items():
+            if not SCALES[0] <= scale <= SCALES[1]:
+                raise ValueError(f"{name} = {scale:g} is outside [{SCALES[0]:g}, {SCALES[1]:g}]")
+        return value
 
 
 KEYS = ("material_file", *Settings.model_fields)
@@ -158,14 +178,24 @@ def given(assignments: Sequence[str], material_file: str | None = None) -> Given
     for path, value in parsed:
         if path == ("material_file",):
             continue
-        if path[0] == "scale" and len(path) == 2:
-            path = ("scale", LEGAL.get(path[1], path[1]))
-            if path[1] not in BY_NAME:
-                raise InputError(f"--set {'.'.join(path)}: {unknown('the column', path[1], list(BY_NAME))}")
+        if path[0] == "scale":
+            if len(path) == 2:
+                path, value = ("scale",), {**found.table.get("scale", {}), path[1]: value}
+            if isinstance(value, dict):
+                value = {_column(name): scale for name, scale in value.items()}
+        if path in (("material",), ("closure",)) and not isinstance(value, dict):
+            raise InputError(f"--set {path[0]}: {short(value)} is not a table; set its keys one by one")
         assign(found.table, path, value)
         if path[0] in LAW_TABLES:
             found.assigned |= {path[1]} if len(path) > 1 else set(value if isinstance(value, dict) else ())
     return found
+
+
+def _column(name: str) -> str:
+    full = LEGAL.get(name)
+    if full is None:
+        raise InputError(f"--set scale.{name}: {unknown('the column', name, list(LEGAL))}")
+    return full
 
 
 def first_settings(found: Given) -> Any:
@@ -232,11 +262,13 @@ def complete(
         table["closure"] = {"force_change": FORCE_CHANGE, **closure_table(numbers)}
     table["integration"] = {**NUMERICS, **table.get("integration", {})}
     settings = _validated(table, found)
+    sliding = "peak_stress_ratio" in material or any(name in SLIDING for name in free)
+    if settings.effects.sliding is True and not sliding:
+        raise InputError("--set effects.sliding = true needs material.peak_stress_ratio, which is not given")
     if settings.closure.force_change == "auto":
         raise InputError('--set closure.force_change: "auto" decides for a scene; a fit needs one of them by name')
     closure = settings.closure.model_dump()
     values = {**settings.material.model_dump(), **{name: closure.pop(name) for name in CLOSURE_NUMBERS}}
-    sliding = "peak_stress_ratio" in material or any(name in SLIDING for name in free)
     base = Base(
         {name: float(values[name]) for name in NUMBERS},
         {name: _origin(name, found, rows) for name in NUMBERS},
