@@ -309,12 +309,15 @@ def _compared(
         if name in ("volumetric_strain", "shear_strain") and {"strain_xx", "strain_yy"} <= set(have):
             continue
         found[name] = values
-    turns = _turns(curve, table, kinds)
+    turns, axis = _turns(curve, table, kinds), _axis(table)
     for name in VECTORS:
         parts = [f"{name}_1", f"{name}_2"]
-        if name in found and all(part in found for part in parts):
-            for other in [name] if turns else parts:
-                del found[other]
+        if not all(part in found for part in parts):
+            continue
+        if turns or any(part in curve.errors for part in parts):
+            found.pop(name, None)
+        else:
+            found[name] = axis[0] * found.pop(parts[0]) + axis[1] * found.pop(parts[1])
     return {name: values for name, values in found.items() if np.isfinite(values[1:]).any()}
 
 

@@ -93,7 +93,12 @@ def refusal(free: Sequence[Free], jacobian: Array) -> InputError | None:
     expected = expected_errors(jacobian)
     if (expected <= TOLD).all():
         return None
-    names = [free[place].name for place in _alike(jacobian)]
+    alike = _alike(jacobian)
+    if len(alike) < 2:  # the one that is told least, and the one that takes most of what tells it
+        correlation = np.linalg.pinv(jacobian.T @ jacobian)[alike[0]] * np.linalg.norm(jacobian, axis=0)
+        correlation[alike[0]] = 0.0
+        alike = sorted([alike[0], int(np.argmax(np.abs(correlation)))])
+    names = [free[place].name for place in alike]
     known = [f"{name} is told by {told_by(name)}" for name in names]
     return InputError(
         f"--free: {' and '.join(names)} cannot be identified together: their effects on these curves cancel "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from granfabric.cases.errors import InputError, several, unknown
 from granfabric.cases.scene.measured import bounds
+
+from granfabric.constitutive.parameters import CLOSURE_NUMBERS, Closure, Material
 
 from .settings import NUMBERS, Base
 
@@ -29,6 +31,32 @@ ORDER = (
     "slip_delay", "elastic_scatter_isotropic", "isostatic_coordination", "hardening_exponent",
 )  # fmt: skip
 """In which they are tried where nobody names them; others follow."""
+CONTACTS = ("coordination", "fabric_anisotropy")
+FORCES = ("normal_force_anisotropy", "tangential_force_anisotropy")
+DEFORMATION = ("strain", "stress", "p", "q")
+SEEN_IN = {
+    "coordination": ("coordination",),
+    "initial_fabric_xx": ("fabric_anisotropy",),
+    "initial_fabric_xy": ("fabric_anisotropy",),
+    "force_density_at_zero": CONTACTS,
+    "gap_density_at_zero": CONTACTS,
+    "irreversible_scatter": CONTACTS,
+    "elastic_scatter": CONTACTS,
+    "elastic_scatter_isotropic": CONTACTS,
+    "weak_contact_ratio": CONTACTS,
+    "weak_contact_ratio_isotropic": CONTACTS,
+    "fluctuation": CONTACTS,
+    "force_anisotropy_ratio": ("normal_force_anisotropy",),
+    "tangential_force_ratio": FORCES,
+    "slip": FORCES,
+    "slip_delay": FORCES,
+    "normal_stiffness": DEFORMATION,
+    "bulk_reduction": DEFORMATION,
+    "shear_reduction": DEFORMATION,
+    "isostatic_coordination": DEFORMATION,
+}  # fmt: skip
+"""Beginnings of the names of columns of which one has to be there for a parameter to be free unless named: what it is
+for, however far its effects reach. Of others any column will do."""
 ON_REQUEST = ("solid_fraction", "neighbours", "stiffness_ratio", "first_yield_stress_ratio", "apparent_cohesion")
 """Never free unless named: they act like another one, or only at the very start."""
 
@@ -74,6 +102,11 @@ SYMBOLS = {
     "c_i": "irreversible_scatter", "c_t": "tangential_force_ratio", "M_peak": "peak_stress_ratio",
 }  # fmt: skip
 """Symbols that are taken for names."""
+
+DEFAULTS = {
+    **{variable.name: variable.default for variable in Material.variables() if variable.default is not None},
+    **{name: float(getattr(Closure(), name)) for name in CLOSURE_NUMBERS},
+}
 
 ABOUT_ZERO = {"initial_fabric_xx": 0.1, "initial_fabric_xy": 0.1, "first_yield_stress_ratio": 0.1}
 """A change that matters, of parameters that may be zero."""
@@ -131,10 +164,10 @@ class Free:
 
 
 def free_parameter(name: str, value: float, pressure: float) -> Free:
-    """A parameter of the law with its bounds and a scale that follows from its value."""
+    """A parameter of the law with its bounds and a scale that follows from its value and its default."""
     low, high = bounds()[name]
     logarithmic = low > 0.0 and high / low >= WIDE and value > 0.0
-    size = abs(value)
+    size = abs(value) if logarithmic else max(abs(value), abs(DEFAULTS.get(name, 0.0)))
     if name in ABOUT_ZERO:
         size = max(size, ABOUT_ZERO[name])
     elif size == 0.0:
@@ -165,8 +198,8 @@ def named(texts: Sequence[str]) -> list[str]:
     return found
 
 
-def candidates(base: Base, rows: bool) -> list[str]:
-    """Parameters that may be free if nobody names them, in the order in which they are tried.
+def candidates(base: Base, rows: bool, columns: Iterable[str]) -> list[str]:
+    """Parameters that may be free if nobody names them and these columns are compared, in the order of trying.
 
     What `--set` gives is held; a stiffness from a material file as well, because the reductions scale what it does.
     With `rows` each curve starts from its own first row, which leaves nothing to fit of the start.
@@ -177,7 +210,13 @@ def candidates(base: Base, rows: bool) -> list[str]:
     if rows:
         held |= {"coordination", "initial_fabric_xx", "initial_fabric_xy"}
     names = [*ORDER, *(name for name in NUMBERS if name not in ORDER)]
-    return [name for name in names if name in NUMBERS and name not in held and name not in ON_REQUEST]
+    there = tuple(columns)
+
+    def seen(name: str) -> bool:
+        return name not in SEEN_IN or any(column.endswith(("strain", "stress")) and "strain" in SEEN_IN[name]
+                                          or column.startswith(SEEN_IN[name]) for column in there)
+
+    return [name for name in names if name in NUMBERS and name not in held | {*ON_REQUEST} and seen(name)]
 
 
 def told_by(name: str) -> str:

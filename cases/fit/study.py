@@ -19,7 +19,7 @@ from .parameters import Free, candidates, free_parameter, named, values_of
 from .reading import Curve
 from .settings import Base, Given
 from .solving import Search, search, start
-from .uncertainty import Uncertainty, uncertainty
+from .uncertainty import FromRows, Uncertainty, uncertainty
 
 Array = NDArray[np.float64]
 
@@ -186,7 +186,11 @@ def fit(
     side = LawSide(base, followed, base.settings.start)
     deviations = Deviations(side, stop)
     pressure = float(np.mean([-0.5 * curve.initial_stress[:2].sum() for curve in followed]))
-    trial = [free_parameter(name, base.values[name], pressure) for name in wanted or candidates(base, by_row)]
+    columns = dict.fromkeys(name for curve in followed for name in curve.compared)
+    names = wanted or candidates(base, by_row, columns)
+    if not names:
+        raise InputError(f"{followed[0].curve.place}: nothing is left to fit: every parameter is held")
+    trial = [free_parameter(name, base.values[name], pressure) for name in names]
     held = dict(base.values)
     advance(0.0, "looking for a start")
     begin = start(deviations, trial, held)
@@ -242,7 +246,7 @@ def _finished(
     sought = np.array([entry.inside(values[entry.name]) for entry in inner])
     calm = Deviations(deviations.side, lambda: False)
     jacobian = calm.derivative(inner, sought, values, result.deviations)
-    found = uncertainty(calm, result.deviations, jacobian)
+    found = uncertainty(calm, result.deviations, jacobian, _of_rows(calm, values, base, chosen, result.deviations))
     errors = {entry.name: float("nan") for entry in chosen}
     for entry, error in zip(inner, found.errors):
         errors[entry.name] = entry.error(values[entry.name], float(error))
@@ -252,6 +256,28 @@ def _finished(
     )  # fmt: skip
     fitted.remarks.extend(remarks(fitted))
     return fitted
+
+
+def _of_rows(
+    deviations: Deviations, values: dict[str, float], base: Base, free: list[Free], here: Array
+) -> list[FromRows]:
+    """Parameters that are held at what the first rows say, which is as uncertain as these are."""
+    found = []
+    by_row = base.settings.start == "row"
+    for name, column in (
+        ("coordination", "coordination"),
+        ("initial_fabric_xx", "fabric_anisotropy"),
+        ("initial_fabric_xy", "fabric_anisotropy_2"),
+    ):
+        told = [curve for curve in deviations.side.curves if column in curve.compared]
+        if by_row or base.origins[name] != "rows" or any(entry.name == name for entry in free) or not told:
+            continue
+        entry = free_parameter(name, values[name], 1.0)
+        derivative = deviations.derivative([entry], np.array([entry.inside(values[name])]), values, here)[:, 0]
+        sizes = np.array([curve.scales[column][0] for curve in told])
+        root = float(np.sqrt((sizes**2).sum()) / len(told))
+        found.append(FromRows(column, derivative / entry.size, root))
+    return found
 
 
 def remarks(fitted: Fitted) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,13 +44,35 @@ class Uncertainty:
     connected: dict[str, float]
 
 
-def uncertainty(deviations: Deviations, here: Array, jacobian: Array) -> Uncertainty:
+@dataclass(frozen=True)
+class FromRows:
+    """A parameter that is held at what the first rows of the curves say.
+
+    Attributes
+    ----------
+    column : str
+        From which it was taken.
+    derivative : ndarray, shape (ndeviations,)
+        Of the deviations by it.
+    scale : float
+        Its deviation for one scale in each of these rows.
+    """
+
+    column: str
+    derivative: Array
+    scale: float
+
+
+def uncertainty(
+    deviations: Deviations, here: Array, jacobian: Array, held: Sequence[FromRows] = ()
+) -> Uncertainty:
     """Covariance from the Jacobian, with a variance of each column from its own deviations.
 
     With ``P = (J^T J)^-1 J^T`` and V the variances, the covariance is ``P V P^T``. A column's variance is the sum of
     squares of its deviations over their number less what the parameters take of it; where the file gives standard
     errors it is not below one. Where neighbouring deviations are correlated (r), because the law departs from the curve
-    rather than scatters about it, it is times (1 + r)/(1 - r), as for a mean of such a series.
+    rather than scatters about it, it is times (1 + r)/(1 - r), as for a mean of such a series. What is `held` at the
+    first rows adds ``(P j) (P j)^T`` times its own variance, with j the derivative by it.
     """
     columns = np.concatenate([np.full(entry.rows.size, entry.column, dtype=object) for entry in deviations.entries])
     known = {name for curve in deviations.side.curves for name in curve.known_errors}
@@ -66,6 +89,10 @@ def uncertainty(deviations: Deviations, here: Array, jacobian: Array) -> Uncerta
             connected[name] = float(np.sqrt(factor))
         variance[part] = factor * (max(square, 1.0) if name in known else square)
     covariance = (inverse * variance) @ inverse.T
+    for entry in held:
+        shift = inverse @ entry.derivative
+        size = max(scatter.get(entry.column, 1.0), 1.0 if entry.column in known else 0.0) * entry.scale
+        covariance += np.outer(shift, shift) * size**2
     errors = np.sqrt(np.diag(covariance))
     with np.errstate(all="ignore"):
         correlation = covariance / np.outer(errors, errors)

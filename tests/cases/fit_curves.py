@@ -22,6 +22,7 @@ TRUTH = {
 }  # fmt: skip
 HELD = ("material.solid_fraction=0.846", "material.normal_stiffness=1e9")
 SOURCE = (*HELD, "closure.force_change=mean_field")
+KNOWN = (*SOURCE, "material.force_anisotropy_ratio=0.93")
 START = (-1e5, -1e5, 0.0)
 CONSTANT_P = [Leg(target=(-7e4, -13e4, 0.0), increments=15)]
 CYCLE = [*CONSTANT_P, Leg(target=(-9e4, -11e4, 0.0), increments=10)]
