@@ -100,6 +100,11 @@ def follow(
     """
     strains = _strains(curve)
     stresses, used = _stresses(curve, initial_stress)
+    if not any(name in strains for name in STRAIN) and all(values is None for values in stresses):
+        raise InputError(
+            f"{curve.place}: no column tells the path; it takes stress_xx, stress_yy, stress_xy, or p with q or "
+            "stress_ratio, or strain_xx, strain_yy, strain_xy"
+        )
     start = _initial(curve, stresses, initial_stress)
     kinds: list[Control] = []
     preferred = [control] * 3 if isinstance(control, str) else list(control)
@@ -107,11 +112,6 @@ def follow(
         by_strain = strain in strains and (preferred[number] == "strain" or stresses[number] is None)
         kinds.append("strain" if by_strain else "stress")
     given = [kinds[n] == "strain" or stresses[n] is not None for n in range(3)]
-    if not any(given):
-        raise InputError(
-            f"{curve.place}: no column tells the path; it takes stress_xx, stress_yy, stress_xy, or p with q or "
-            "stress_ratio, or strain_xx, strain_yy, strain_xy"
-        )
     table = np.empty((curve.rows, 3))
     for number in range(3):
         column = strains.get(STRAIN[number]) if kinds[number] == "strain" else stresses[number]

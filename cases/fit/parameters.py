@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from granfabric.cases.errors import InputError, several, unknown
 from granfabric.cases.scene.measured import bounds
-
 from granfabric.constitutive.parameters import CLOSURE_NUMBERS, Closure, Material
 
 from .settings import NUMBERS, Base
@@ -213,7 +212,7 @@ def candidates(base: Base, rows: bool, columns: Iterable[str]) -> list[str]:
     there = tuple(columns)
 
     def seen(name: str) -> bool:
-        return name not in SEEN_IN or any(column.endswith(("strain", "stress")) and "strain" in SEEN_IN[name]
+        return name not in SEEN_IN or any((column.endswith(("strain", "stress")) and "strain" in SEEN_IN[name])
                                           or column.startswith(SEEN_IN[name]) for column in there)
 
     return [name for name in names if name in NUMBERS and name not in held | {*ON_REQUEST} and seen(name)]

@@ -153,7 +153,7 @@ def _cells(text: str, file: Path) -> tuple[list[int], list[list[str]]]:
 def _number(cell: Any) -> float | None:
     """The number in a cell, NaN if it is empty; None if there is something else."""
     if isinstance(cell, float):
-        return cell if not math.isinf(cell) and abs(cell) < LARGEST else None
+        return cell if math.isnan(cell) or abs(cell) < LARGEST else None
     if cell.lower() in MISSING:
         return math.nan
     try:

@@ -7,7 +7,19 @@ from typing import Any
 import numpy as np
 import pytest
 from fit_curves import (
-    COMPRESSION, CONSTANT_P, CYCLE, HELD, KNOWN, LATERAL, SOURCE, START, TRUTH, columns, fitted, noisy, some,
+    COMPRESSION,
+    CONSTANT_P,
+    CYCLE,
+    HELD,
+    KNOWN,
+    LATERAL,
+    SOURCE,
+    START,
+    TRUTH,
+    columns,
+    fitted,
+    noisy,
+    some,
 )  # fmt: skip
 
 from granfabric.cases.errors import InputError, RunError
