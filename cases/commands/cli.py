@@ -16,6 +16,8 @@ import typer
 
 from granfabric.cases.errors import InputError, RunError
 
+from .fit_options import CurvesArgument, DataOption, DataSetOption, FitOutputOption, FreeOption, MaterialFileOption
+
 INTERRUPTED = 130
 """What the library of the command line makes of Ctrl-C."""
 
@@ -74,21 +76,6 @@ SetOption = Annotated[
         "--set",
         metavar="KEY=VALUE",
         help="Override a key of the scene, e.g. material.coordination=3.9; files are relative to the working folder.",
-    ),
-]
-DataSetOption = Annotated[
-    Optional[list[str]],  # noqa: UP045
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Of curves: material_file, keys of material, closure, effects, integration; initial.stress, "
-        "control=stress|strain, start=material|row, scale.COLUMN.",
-    ),
-]
-DataOption = Annotated[
-    Optional[list[str]],  # noqa: UP045
-    typer.Option(
-        "--data", metavar="FILE.csv", help="Instead of the DEM: a curve of yours (or several); nothing is fitted."
     ),
 ]
 UpgradeOption = Annotated[
@@ -260,23 +247,10 @@ def verify(
 
 @app.command()
 def fit(
-    curves: Annotated[
-        list[str], typer.Argument(metavar="FILE.csv...", help="Curves with a header: q/p or stresses, z, a_c, strain.")
-    ],
-    output: Annotated[
-        Optional[Path],  # noqa: UP045
-        typer.Option("-o", "--output", metavar="DIR", help="Result folder, results/FILE_fit if not given."),
-    ] = None,
-    free: Annotated[
-        Optional[list[str]],  # noqa: UP045
-        typer.Option("--free", metavar="NAME,...", help="Parameters to fit; those that the curves tell if not given."),
-    ] = None,
-    material_file: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option(
-            "--material-file", metavar="NAME", help="Where the fit begins, and what is held: a file or a shipped name."
-        ),
-    ] = None,
+    curves: CurvesArgument,
+    output: FitOutputOption = None,
+    free: FreeOption = None,
+    material_file: MaterialFileOption = None,
     assignments: DataSetOption = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,

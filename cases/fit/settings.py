@@ -158,15 +158,15 @@ def given(assignments: Sequence[str], material_file: str | None = None) -> Given
     InputError
     """
     parsed = [parse_assignment(text) for text in assignments]
-    for path, value in parsed:
-        if path[0] not in KEYS:
-            raise InputError(f"--set {'.'.join(path)}: {unknown('the key', path[0], KEYS)}")
-        if path == ("material_file",):
+    for keys, value in parsed:
+        if keys[0] not in KEYS:
+            raise InputError(f"--set {'.'.join(keys)}: {unknown('the key', keys[0], KEYS)}")
+        if keys == ("material_file",):
             if material_file is not None:
                 raise InputError("--set material_file and --material-file both name one; give it once")
             if not isinstance(value, str) or not value:
                 raise InputError(f"--set material_file: {value!r} is not the name of a material file")
-    named = [value for path, value in parsed if path == ("material_file",)]
+    named = [value for keys, value in parsed if keys == ("material_file",)]
     name = material_file if material_file is not None else (named[-1] if named else None)
     found = Given({"material": {}, "closure": {}})
     if name is not None:
@@ -175,12 +175,13 @@ def given(assignments: Sequence[str], material_file: str | None = None) -> Given
         for section in LAW_TABLES:
             found.table[section] |= contents.get(section, {})
         found.from_file = {key for section in LAW_TABLES for key in found.table[section]}
-    for path, value in parsed:
+    for keys, value in parsed:
+        path: tuple[str, ...] = keys
         if path == ("material_file",):
             continue
         if path[0] == "scale":
-            if len(path) == 2:
-                path, value = ("scale",), {**found.table.get("scale", {}), path[1]: value}
+            if len(keys) == 2:
+                path, value = ("scale",), {**found.table.get("scale", {}), keys[1]: value}
             if isinstance(value, dict):
                 value = {_column(name): scale for name, scale in value.items()}
         if path in (("material",), ("closure",)) and not isinstance(value, dict):

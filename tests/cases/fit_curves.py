@@ -35,7 +35,7 @@ SHORT = {
 
 
 def columns(
-    legs: Sequence[Leg], closure: dict[str, Any] | None = None, sliding: bool = False, start: Any = START, **other: float
+    legs: Sequence[Leg], closure: dict[str, Any] | None = None, sliding: bool = False, **other: float
 ) -> dict[str, Any]:
     """Columns of the law along a path, with q/p; numerics as those of a fit, so that it can be met exactly."""
     law = ContactLaw(
@@ -44,7 +44,7 @@ def columns(
         effects=Effects(sliding=sliding),
         integration=Integration(integrator="dormand_prince", tolerance=1e-8),
     )
-    history = drive(law, start, legs)
+    history = drive(law, START, legs)
     assert history.finished
     return {**history.columns, "stress_ratio": history.columns["q"] / history.columns["p"]}
 

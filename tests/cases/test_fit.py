@@ -82,7 +82,8 @@ def test_a_subset_of_columns_tells_what_it_tells(names: tuple[str, ...], legs: l
 
 
 def test_a_stiffness_that_nobody_gave_comes_from_the_strains() -> None:
-    curve = some(columns(LATERAL, bulk_reduction=1.0, shear_reduction=1.0), "p", "q", "strain_xx", "strain_yy", "coordination")
+    table = columns(LATERAL, bulk_reduction=1.0, shear_reduction=1.0)
+    curve = some(table, "p", "q", "strain_xx", "strain_yy", "coordination")
     settings = [text for text in KNOWN if "normal_stiffness" not in text]
     found = fitted(curve, settings)
     assert "normal_stiffness" in found.errors and "bulk_reduction" not in found.errors
@@ -107,10 +108,8 @@ def test_a_strain_driven_curve() -> None:
 def test_principal_axes_that_turn_are_followed() -> None:
     """Half a turn at q/p = 0.1 by components, and by p, q and direction in coarse rows."""
     table = columns([Leg(target=(-9e4, -11e4, 0.0), increments=4), Leg(rotation_degrees=90.0, increments=18)])
-    by_parts = fitted(
-        some(table, "stress_xx", "stress_yy", "stress_xy", "coordination", "fabric_anisotropy_1", "fabric_anisotropy_2"),
-        KNOWN, "coordination,force_density_at_zero",
-    )  # fmt: skip
+    names = ("stress_xx", "stress_yy", "stress_xy", "coordination", "fabric_anisotropy_1", "fabric_anisotropy_2")
+    by_parts = fitted(some(table, *names), KNOWN, "coordination,force_density_at_zero")
     assert by_parts.curves[0].turns
     assert by_parts.values["force_density_at_zero"] == pytest.approx(0.62, rel=EXACT)
     angle = 0.5 * np.degrees(np.arctan2(-table["stress_xy"], -0.5 * (table["stress_xx"] - table["stress_yy"]))) % 180.0
@@ -269,7 +268,7 @@ def test_a_start_that_the_law_refuses_is_replaced_by_another(monkeypatch: pytest
     refuse(monkeypatch, 0.7)
     assert fitted(curve, settings, "z,P0").values["force_density_at_zero"] == pytest.approx(0.62, rel=1e-5)
     refuse(monkeypatch, 0.01)
-    with pytest.raises(RunError, match="the law does not get to line 1: it refuses .tried with other values"):
+    with pytest.raises(RunError, match=r"the law does not get to line 1: it refuses \(tried with other values"):
         fitted(curve, settings, "z,P0")
 
 
