@@ -36,7 +36,7 @@ class Entry:
 
 
 class Deviations:
-    """Deviations of all curves in one vector.
+    """Deviations of all curves in one vector, each over its scale times the factor of its column in `factors`.
 
     Parameters
     ----------
@@ -58,6 +58,7 @@ class Deviations:
             if (rows := compared_rows(curve, name, side.start)).size
         ]
         self.count = sum(entry.rows.size for entry in self.entries)
+        self.factors: dict[str, float] = {}
         self.evaluations = 0
 
     def of_answers(self, answers: Sequence[Answer]) -> Array:
@@ -66,7 +67,8 @@ class Deviations:
         for entry in self.entries:
             curve = self.side.curves[entry.curve]
             law = answers[entry.curve].columns[entry.column][entry.rows]
-            parts.append((law - curve.compared[entry.column][entry.rows]) / curve.scales[entry.column][entry.rows])
+            scale = self.factors.get(entry.column, 1.0) * curve.scales[entry.column][entry.rows]
+            parts.append((law - curve.compared[entry.column][entry.rows]) / scale)
         return np.concatenate(parts)
 
     def of(self, values: dict[str, float]) -> Array:
@@ -80,6 +82,15 @@ class Deviations:
         if self._on_evaluation is not None:
             self._on_evaluation()
         return found
+
+    def rms(self, here: Array) -> dict[str, float]:
+        """Root mean square of the deviations of each column."""
+        squares: dict[str, list[float]] = {}
+        begin = 0
+        for entry in self.entries:
+            squares.setdefault(entry.column, []).extend(here[begin : begin + entry.rows.size] ** 2)
+            begin += entry.rows.size
+        return {name: float(np.sqrt(np.mean(values))) for name, values in squares.items()}
 
     def derivative(self, free: Sequence[Free], sought: Array, held: dict[str, float], here: Array) -> Array:
         """Derivatives by the sought numbers, shape (ndeviations, nfree).

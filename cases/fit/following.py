@@ -22,8 +22,11 @@ CONSISTENT = 0.02
 """Of the mean pressure: a p or q that differs more from the stress components beside it is a mistake."""
 LARGEST_TURN = 5.0
 """[degrees] of the principal axes in one leg between rows that are given by p, q and their direction."""
-ENOUGH_TURN = 1e-6
-"""Part of the stress deviator across its first direction, over the stress, from which principal axes turn."""
+ENOUGH_TURN = 0.03
+"""Part of the stress deviator across its first direction, over the largest deviator, from which principal axes turn:
+what simulated or measured stresses have there otherwise is noise."""
+ENOUGH_DEVIATOR = 1e-3
+"""Deviator over the pressure from which it has a direction."""
 NOTHING = 1e-9
 """Shear component over the largest one below which it is rounding."""
 STRAIN_OF_NOTHING = 1e-6
@@ -331,18 +334,18 @@ def _turns(curve: Curve, table: Array, kinds: list[Control]) -> bool:
     """Whether the principal axes leave the line on which they began."""
     if kinds != ["stress"] * 3:
         return "strain_xy" in curve.columns and bool(np.ptp(curve.columns["strain_xy"]) > 0.0)
-    size = np.abs(table[:, :2]).max()
     vectors = np.column_stack([0.5 * (table[:, 0] - table[:, 1]), table[:, 2]])
     first = _axis(table)
-    across = vectors @ np.array([-first[1], first[0]])
-    return bool(np.abs(across).max() > ENOUGH_TURN * size)
+    across = np.abs(vectors @ np.array([-first[1], first[0]])).max()
+    largest = max(np.hypot(vectors[:, 0], vectors[:, 1]).max(), ENOUGH_DEVIATOR * np.abs(table[:, :2]).max())
+    return bool(across > ENOUGH_TURN * largest)
 
 
 def _axis(table: Array) -> Array:
-    """Direction of the first deviator that appears, in the double-angle plane; along y if there is none."""
+    """Direction of the first deviator that matters, in the double-angle plane; along y if there is none."""
     vectors = np.column_stack([-0.5 * (table[:, 0] - table[:, 1]), -table[:, 2]])
     sizes = np.hypot(vectors[:, 0], vectors[:, 1])
-    there = sizes > 1e-9 * np.abs(table[:, :2]).max()
+    there = sizes > ENOUGH_DEVIATOR * np.abs(table[:, :2]).max()
     if not there.any():
         return np.array([-1.0, 0.0])
     row = int(np.argmax(there))

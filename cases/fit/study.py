@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,13 @@ Array = NDArray[np.float64]
 Advance = Callable[[float, str], None]
 STEPS_SHOWN = 30
 """Trials of a usual fit, for the bar."""
+MOST_WEIGHINGS = 6
+SETTLED = 0.05
+"""Relative change of the weight of a column that asks for no further search."""
 LARGE_ERROR = 0.5
 """Standard error over the value from which a parameter counts as hardly told."""
+MISSED = 1.5
+"""Misfit of a column, in scales, that is told."""
 CORRELATED = 0.95
 NUMERICAL = 1e-3
 """Deviations, in scales, below which nobody asks whether they are scatter."""
@@ -227,8 +232,36 @@ def fit(
     def on_step(trials: int, misfit: float) -> None:
         advance(min(0.1 + 0.9 * trials / STEPS_SHOWN, 0.99), f"trial {trials}, misfit {misfit:.4g}")
 
-    result = search(deviations, chosen, held, begin, on_step)
+    result = _weighted_search(deviations, chosen, held, begin, on_step)
     return _finished(base, followed, deviations, chosen, held, result)
+
+
+def _weighted_search(
+    deviations: Deviations,
+    chosen: list[Free],
+    held: dict[str, float],
+    begin: Array,
+    on_step: Callable[[int, float], None],
+) -> Search:
+    """Search again with less weight on the columns that the law misses by more than their scale, until that is settled.
+
+    A column counts over its scale, or over the root mean square by which it is missed if that is more: what the law
+    cannot do in one column shall not spoil what the others say.
+    """
+    result = search(deviations, chosen, held, begin, on_step)
+    steps = result.steps
+    for _ in range(MOST_WEIGHINGS):
+        if result.stopped or not result.converged:
+            break
+        before = {name: deviations.factors.get(name, 1.0) for name in deviations.rms(result.deviations)}
+        after = {name: max(1.0, before[name] * rms) for name, rms in deviations.rms(result.deviations).items()}
+        if all(abs(after[name] / before[name] - 1.0) < SETTLED for name in after):
+            break
+        deviations.factors = after
+        first = steps
+        result = search(deviations, chosen, held, result.sought, lambda trials, rms: on_step(first + trials, rms))  # noqa: B023
+        steps += result.steps
+    return replace(result, steps=steps)
 
 
 def _finished(
@@ -245,6 +278,7 @@ def _finished(
     inner = [entry for entry in chosen if entry.name not in on_bound]
     sought = np.array([entry.inside(values[entry.name]) for entry in inner])
     calm = Deviations(deviations.side, lambda: False)
+    calm.factors = deviations.factors
     jacobian = calm.derivative(inner, sought, values, result.deviations)
     found = uncertainty(calm, result.deviations, jacobian, _of_rows(calm, values, base, chosen, result.deviations))
     errors = {entry.name: float("nan") for entry in chosen}
@@ -301,6 +335,15 @@ def remarks(fitted: Fitted) -> list[str]:
                     said.append(
                         f"{other} and {one} are told apart badly: correlation {found.correlation[row, column]:+.3f}"
                     )
+        for name, factor in fitted.deviations.factors.items():
+            if factor > MISSED:
+                strain = name.endswith("_strain") or name.startswith("strain_")
+                elastic = strain and not fitted.base.effects.sliding
+                said.append(
+                    f"{name}: the law misses this column by {factor:.2g} scales (root mean square) with any of these "
+                    "parameters; it was given the weight that this leaves it"
+                    + ("; strain is elastic here: give peak_stress_ratio for sliding" if elastic else "")
+                )
         telling = [name for name in found.connected if found.scatter[name] > NUMERICAL]
         if telling:
             said.append(
