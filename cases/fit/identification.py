@@ -101,7 +101,7 @@ def refusal(free: Sequence[Free], jacobian: Array) -> InputError | None:
     names = [free[place].name for place in alike]
     known = [f"{name} is told by {told_by(name)}" for name in names]
     return InputError(
-        f"--free: {' and '.join(names)} cannot be identified together: their effects on these curves cancel "
+        f"--free: {', '.join(names)} cannot be identified together: their effects on these curves cancel "
         f"(condition number {condition(jacobian):.1e} of the Jacobian); hold one of them, or give what tells them "
         f"apart: {'; '.join(known)}"
     )

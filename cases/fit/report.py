@@ -165,4 +165,4 @@ def numbers(value: float, error: float) -> tuple[str, str]:
     if not error > 0.0:
         return f"{value:.6g}", f"{error:.1g}"
     digits = max(2, min(12, math.floor(math.log10(max(abs(value), error))) - math.floor(math.log10(error)) + 2))
-    return f"{value:.{digits}g}", f"{error:.2g}"
+    return f"{value:#.{digits}g}".rstrip("."), f"{error:#.2g}".rstrip(".")

@@ -319,7 +319,7 @@ def test_verify_without_curves_takes_no_keys(granfabric: Callable, tmp_path: Pat
     ("value", "error", "shown"),
     [
         (0.61638, 0.0053, ("0.6164", "0.0053")), (1e9, 1.23e6, ("1.00000e+09", "1.2e+06")),
-        (4.0, float("nan"), ("4", "-")), (4.06, 0.0, ("4.06", "0")), (0.001, 0.1, ("0.001", "0.1")),
+        (4.0, float("nan"), ("4", "-")), (4.06, 0.0, ("4.06", "0")), (0.001, 0.1, ("0.001", "0.10")),
     ],
 )  # fmt: skip
 def test_digits_that_mean_something(value: float, error: float, shown: tuple[str, str]) -> None:
