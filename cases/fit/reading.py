@@ -22,7 +22,7 @@ from .columns import BY_NAME, ERROR, HEAD, LEGAL, PASSED_OVER, UNITS, legal_name
 Array = NDArray[np.float64]
 
 LARGEST_FILE = 50_000_000
-MOST_ROWS = 100_000
+MOST_ROWS = 20_000
 LARGEST = 1e300
 MISSING = ("", "nan", "na", "-")
 """Cells without a value, in small letters; legal where a column is only compared."""
