@@ -174,6 +174,48 @@ def test_standard_errors_are_honest_over_many_repeats(stated: bool) -> None:
     assert ((within > 0.6) & (within < 0.76)).all(), within
 
 
+def test_each_row_counts_by_its_own_error() -> None:
+    """A row that is wrong, and known to be, changes nothing."""
+    table = columns(CONSTANT_P)
+    table["coordination_error"] = np.full(16, 1e-3)
+    table["coordination"][7], table["coordination_error"][7] = 5.0, 1e6
+    found = fitted(some(table, "p", "q", "coordination", "coordination_error"), KNOWN, "z,P0")
+    assert found.values["force_density_at_zero"] == pytest.approx(0.62, rel=1e-5)
+
+
+def test_the_error_of_a_stiffness_in_closed_form() -> None:
+    """Strain is inverse to kn: its relative error is that of one number that scales a column with known errors."""
+    table = columns(COMPRESSION)
+    table["strain_yy_error"] = np.full(11, 2e-7)
+    settings = [text for text in KNOWN if "normal_stiffness" not in text]
+    more = ("material.coordination=4.06", "material.bulk_reduction=0.9", "material.shear_reduction=0.7")
+    more = (*more, "material.force_density_at_zero=0.62")
+    found = fitted(some(table, "p", "q", "strain_yy", "strain_yy_error"), (*settings, *more), "kn")
+    exact = 1e9 / np.linalg.norm(table["strain_yy"] / 2e-7)
+    assert found.errors["normal_stiffness"] == pytest.approx(exact, rel=1e-3)
+
+
+def test_a_column_that_the_law_misses_counts_for_less() -> None:
+    """Strains ten times too large do not spoil what z says, and this is told."""
+    table = noisy(columns(CONSTANT_P), 3, coordination=0.003)
+    table["strain_yy"] = table["strain_yy"] * (1.0 + 30.0 * table["stress_ratio"])
+    names = ("p", "q", "coordination", "strain_yy")
+    missed = fitted(some(table, *names), KNOWN, "z,P0,shear_reduction")
+    plain = fitted(some(table, *names[:3]), KNOWN, "z,P0")
+    difference = missed.values["force_density_at_zero"] - plain.values["force_density_at_zero"]
+    assert abs(difference) < plain.errors["force_density_at_zero"]
+    (line,) = [line for line in missed.remarks if "misses this column" in line]
+    assert line.startswith("strain_yy: ") and "give peak_stress_ratio for sliding" in line
+
+
+def test_nothing_but_parameters_on_bounds() -> None:
+    table = columns(CONSTANT_P)
+    table["coordination"] = 4.06 + 0.3 * table["stress_ratio"]
+    found = fitted(some(table, "p", "q", "coordination"), (*KNOWN, "material.coordination=4.06"), "P0")
+    assert found.on_bound and found.inner == [] and found.uncertainty is not None
+    assert found.uncertainty.correlation.shape == (0, 0)
+
+
 def test_deviations_that_follow_each_other_widen_the_errors() -> None:
     """A slow wave on the curve of the same size as the noise counts more than noise."""
     table = columns([Leg(target=(-7e4, -13e4, 0.0), increments=60)])
