@@ -8,7 +8,7 @@ from typing import Annotated, Optional
 import typer
 
 CurvesArgument = Annotated[
-    list[str], typer.Argument(metavar="FILE.csv...", help="Curves with a header: q/p or stresses, z, a_c, strain.")
+    list[str], typer.Argument(metavar="FILE.csv", help="Curves with a header: q/p or stresses, z, a_c, strain.")
 ]
 FitOutputOption = Annotated[
     Optional[Path],  # noqa: UP045  (typer reads the annotation at run time)

@@ -233,6 +233,18 @@ def test_folders_are_kept_from_others(granfabric: Callable, two: list[Path], tmp
     assert granfabric("fit", two[0], "-o", tmp_path / "full", *arguments).code == 2
 
 
+def test_nothing_of_a_fit_stays_when_its_folder_is_used_again(
+    granfabric: Callable, two: list[Path], tmp_path: Path
+) -> None:
+    out, more = tmp_path / "out", ["--set", "material.coordination=4.06"]
+    for command in (["fit", two[0], "--free", "z,P0"], ["verify", "--data", two[0], *more]):
+        assert granfabric(*command, "-o", out, *SET, "--overwrite").code == 0
+        (out / "notes.txt").write_text("mine")
+        files.prepare_output(out, overwrite=True)
+        assert [file.name for file in out.iterdir()] == ["notes.txt"]
+        (out / "notes.txt").unlink()
+
+
 def test_the_same_input_gives_the_same_files(granfabric: Callable, two: list[Path], tmp_path: Path) -> None:
     for name in ("one", "other"):
         assert granfabric("fit", *two, "-o", tmp_path / name, *SET, "-q").code == 0
