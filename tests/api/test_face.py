@@ -90,7 +90,7 @@ def test_python_in_a_clone_compiles_nothing_twice(tmp_path: Path) -> None:
     program = (
         "import numpy as np\n"
         "from granfabric.constitutive.integration.points import smallest_step_factor as kernel\n"
-        "kernel(np.zeros(2, dtype=np.int8), np.ones(2, dtype=np.int64), 20)\n"
+        "kernel(np.zeros(2, dtype=np.int8), np.ones((2, 2), dtype=np.int64), 20)\n"
         "print(sum(kernel.stats.cache_hits.values()), sum(kernel.stats.cache_misses.values()))"
     )
     first = python(tmp_path, program, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
