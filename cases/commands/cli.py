@@ -221,17 +221,62 @@ def verify(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Result folder; DEM runs in it are used again.")
     ] = Path("results/verify"),
-    particles: Annotated[int, typer.Option("--particles", metavar="N", help="Disks of a packing.")] = 2500,
-    seeds: Annotated[int, typer.Option("--seeds", metavar="K", help="Packings; their scatter is the yardstick.")] = 1,
+    particles: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("--particles", metavar="N", help="Disks of a packing; 2500 if not given, 400 with --quick."),
+    ] = None,
+    seeds: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option(
+            "--seeds",
+            metavar="K",
+            help="Packings; their scatter is the yardstick. 1 if not given, 2 with --quick.",
+        ),
+    ] = None,
+    paths: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--paths", metavar="NAMES", help="Map: paths, comma separated, or all."),
+    ] = None,
+    materials: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--materials", metavar="NAMES", help="Map: materials, comma separated, or all."),
+    ] = None,
+    assignments: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Map: a key of every packing, as in scenes of the DEM, e.g. material.friction=0.3.",
+        ),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Map: small packings, few materials and paths if not given; two minutes.")
+    ] = False,
+    processes: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("--processes", metavar="N", help="Map: processes at work side by side, one a core if not given."),
+    ] = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:
-    """Compare the point law with the DEM: the source's four figures and a table of errors."""
-    with _speaking(quiet, verbose) as screen:
-        from .verify import run_verify
+    """Compare the point law with the DEM: the source's four figures and a table of errors, or a map.
 
-        _exit(run_verify(output, particles, seeds, screen, overwrite).outcome)
+    With --paths, --materials, --set or --quick a map of materials by paths.
+    """
+    with _speaking(quiet, verbose) as screen:
+        from .verify import PARTICLES, SEEDS, run_verify
+        from .verify_map import MapRequest, run_map
+
+        request = MapRequest(paths, materials, assignments or (), quick, particles, seeds, processes)
+        if request.is_map:
+            record = run_map(request, output, screen, overwrite)
+        elif processes is not None:
+            raise InputError("--processes goes with a map: --paths, --materials, --set or --quick")
+        else:
+            numbers = (PARTICLES if particles is None else particles, SEEDS if seeds is None else seeds)
+            record = run_verify(output, *numbers, screen, overwrite)
+        _exit(record.outcome)
 
 
 @app.command()
