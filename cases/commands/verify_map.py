@@ -248,8 +248,8 @@ def _report(result: MapResult | None, plan: MapPlan, record: Record, screen: Scr
     seconds = record.details["seconds"]
     law = seconds.get(LAW, 0.0)
     screen.say(
-        f"{record.details['computed_now']} parts of the DEM computed; processor time of the DEM "
-        f"{sum(seconds.values()) - law:.1f} s, of the law {law:.1f} s"
+        f"{record.details['computed_now']} parts of the DEM computed; all processes together: DEM "
+        f"{sum(seconds.values()) - law:.1f} s, law {law:.1f} s, without compilation"
     )
     if record.outcome != "finished":
         screen.say(f"{record.outcome}: {record.message}", insist=True)

@@ -43,10 +43,14 @@ class MapRow:
     error_over_scatter : float
     compared_to_stress_ratio : float
         q/p to which packings are compared that do not carry the path to its end; NaN if all do.
+    refused_inputs : int
+        Packings whose measured inputs the law refused.
     refused_packings : int
-        Of those whose path the law did not follow to the end.
+        Others whose path it did not follow to the end.
     refused_fraction, refused_stress_ratio, refused_pressure_ratio : float
         Where, counted over the whole path; of the packing with which it got least far.
+    all_packings : int
+        That the DEM carried.
     message : str
         Why the law refused, or why there is nothing of the DEM.
     """
@@ -68,10 +72,12 @@ class MapRow:
     scatter: float
     error_over_scatter: float
     compared_to_stress_ratio: float
+    refused_inputs: int
     refused_packings: int
     refused_fraction: float
     refused_stress_ratio: float
     refused_pressure_ratio: float
+    all_packings: int
     message: str
 
     def row(self) -> list[str | float | int]:
@@ -93,6 +99,8 @@ class Refusal:
         Of the places of comparison, that it passed.
     stress_ratio, pressure_ratio : float
     message : str
+    of_inputs : bool
+        It does not take the inputs: there is no first step.
     """
 
     seed: int
@@ -100,6 +108,7 @@ class Refusal:
     stress_ratio: float
     pressure_ratio: float
     message: str
+    of_inputs: bool = False
 
 
 @dataclass
@@ -214,15 +223,17 @@ def _refusal(seed: int, answer: Mapping[str, Any], records: Array, stress: Array
     p, s1, s2 = stress[last]
     passed = np.count_nonzero(records <= last) - 1
     return Refusal(
-        seed, max(passed, 0) / max(len(records) - 1, 1), float(np.hypot(s1, s2) / p), float(p), answer["message"]
-    )
+        seed, max(passed, 0) / max(len(records) - 1, 1), float(np.hypot(s1, s2) / p), float(p), answer["message"],
+        not answer["columns"],
+    )  # fmt: skip
 
 
 def rows_of(found: Cell) -> list[MapRow]:
     """One row a closure and quantity."""
     rows = []
     for closure, refusals in found.refusals.items():
-        least = min(refusals, key=lambda entry: entry.fraction, default=None)
+        on_its_way = [entry for entry in refusals if not entry.of_inputs]
+        least = min(on_its_way or refusals, key=lambda entry: entry.fraction, default=None)
         message = least.message if least is not None else "; ".join(found.failures)
         for quantity in QUANTITIES:
             error, place, count = largest_error(found, closure, quantity)
@@ -244,7 +255,7 @@ def rows_of(found: Cell) -> list[MapRow]:
             rows.append(
                 MapRow(
                     found.material, found.path, closure, quantity, count, error, percent, *where, *values, limit,
-                    len(refusals), *stopped, message,
+                    len(refusals) - len(on_its_way), len(on_its_way), *stopped, len(found.seeds), message,
                 )
             )  # fmt: skip
     return rows

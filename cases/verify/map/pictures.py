@@ -12,7 +12,7 @@ from granfabric.cases.pictures.style import BLACK, RED, picture
 
 from .compare import Cell, mean_of_finite
 from .paths import ABSCISSAE
-from .table import SYMBOLS, by_cell, scatter_shown, shown, told_closures, where_refused
+from .table import SYMBOLS, by_cell, is_refused, scatter_shown, shown, told_closures, where_refused
 
 if TYPE_CHECKING:
     from .result import MapResult
@@ -87,7 +87,7 @@ def _write_cell(axes: Any, i: int, j: int, row: Any, dark: bool) -> None:
     lines = [shown(row)]
     if scatter := scatter_shown(row):
         lines.append(f"±{scatter}")
-    if row.refused_packings:
+    if is_refused(row):
         lines.append(where_refused(row).replace("refused at ", "ref. "))
         axes.add_patch(_hatched(i, j))
     axes.text(j, i, "\n".join(lines), ha="center", va="center", fontsize=7.5, color="white" if dark else BLACK)

@@ -126,16 +126,17 @@ def result_of(plan: MapPlan) -> MapResult:
 
 
 def _refusals(cells: Sequence[Cell], rows: Sequence[MapRow]) -> list[str]:
-    """A line for each path that a closure refused."""
+    """A line for each path that a closure refused, and for inputs that it does not take."""
     known = by_cell(rows)
     said = []
     for one in cells:
         for closure, refusals in one.refusals.items():
-            if refusals:
-                row = known[one.material, one.path, closure, "coordination"]
-                of = f"{len(refusals)} of {len(one.seeds)} packings, " if len(one.seeds) > 1 else ""
-                said.append(f"{one.material}, {one.path}, {closure}: {of}{where_refused(row)}: {row.message}")
-    return said
+            row = known[one.material, one.path, closure, "coordination"]
+            of_inputs = [entry for entry in refusals if entry.of_inputs]
+            said += [f"{one.material}, seed {entry.seed}: the inputs: {entry.message}" for entry in of_inputs]
+            if row.refused_packings:
+                said.append(f"{one.material}, {one.path}, {closure}: {where_refused(row)}: {row.message}")
+    return list(dict.fromkeys(said))
 
 
 def following(plan: MapPlan, task: Task, done: Done) -> list[Task]:

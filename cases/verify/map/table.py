@@ -59,7 +59,7 @@ def scatter_shown(row: MapRow) -> str:
 def where_refused(row: MapRow) -> str:
     """To where the law followed the path, in the path's own coordinate; empty if to its end."""
     if not row.refused_packings:
-        return ""
+        return f"{_of(row.refused_inputs, row)}inputs refused" if row.refused_inputs else ""
     abscissa = MAP_PATHS[row.path].abscissa
     if abscissa == "pressure_ratio":
         place = f"p/p0 {row.refused_pressure_ratio:.2f}"
@@ -67,17 +67,26 @@ def where_refused(row: MapRow) -> str:
         place = f"q/p {row.refused_stress_ratio:.2f}"
     else:
         place = f"{100.0 * row.refused_fraction:.0f} % of it"
-    return f"refused at {place}"
+    return f"{_of(row.refused_packings, row)}refused at {place}"
+
+
+def _of(count: int, row: MapRow) -> str:
+    return f"{count}/{row.all_packings} " if count < row.all_packings else ""
+
+
+def is_refused(row: MapRow) -> bool:
+    """Whether the law did not follow the path to its end on every packing."""
+    return row.refused_packings + row.refused_inputs > 0
 
 
 def lines_of(cells: Cells, material: str, path: str, closure: str, quantities: Sequence[str]) -> list[str]:
     """Lines of a cell: the errors, where the law refused, to where packings carry the path."""
     rows = [cells[material, path, closure, quantity] for quantity in quantities]
     first = rows[0]
-    if all(not math.isfinite(row.error) for row in rows) and not first.refused_packings:
+    if all(not math.isfinite(row.error) for row in rows) and not is_refused(first):
         return ["no DEM"]
     lines = [" ".join(shown(row) for row in rows)]
-    if first.refused_packings:
+    if is_refused(first):
         lines.append(where_refused(first))
     if math.isfinite(first.compared_to_stress_ratio):
         lines.append(f"to q/p {first.compared_to_stress_ratio:.2f}")

@@ -155,8 +155,8 @@ class _Worker:
 
     def _gone(self, task: Task | None) -> RunError:
         self.process.join(1.0)
-        text = f" at {task.text}" if task is not None else ""
-        return RunError(f"a process ended by itself{text} (exit code {self.process.exitcode}; was there memory enough?)")
+        at, code = "" if task is None else f" at {task.text}", self.process.exitcode
+        return RunError(f"a process ended by itself{at} (exit code {code}; was there memory enough?)")
 
 
 @contextmanager
