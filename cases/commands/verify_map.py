@@ -17,17 +17,11 @@ from granfabric.cases.terminal.compile_watch import watching
 from granfabric.cases.terminal.interruption import InterruptRequest, interrupt_request
 from granfabric.cases.terminal.screen import Screen
 from granfabric.cases.verify.dem_side import STORE
+from granfabric.cases.verify.map.closures import CLOSURES, QUICK_CLOSURES
 from granfabric.cases.verify.map.compare import CURVE_COLUMNS, MAP_COLUMNS, curve_rows
 from granfabric.cases.verify.map.materials import chosen_materials, refuse_twins
 from granfabric.cases.verify.map.paths import chosen_paths
-from granfabric.cases.verify.map.result import (
-    CLOSURES,
-    QUICK_CLOSURES,
-    MapPlan,
-    MapResult,
-    following,
-    result_of,
-)
+from granfabric.cases.verify.map.result import MapPlan, MapResult, following, result_of
 from granfabric.cases.verify.map.table import PAIRS, blocks, markdown, told_closures
 from granfabric.cases.verify.map.tasks import INPUTS, KERNELS, LAW, PACKING, Done, Task, slug
 from granfabric.cases.verify.map.workers import carry_out_all, cores

@@ -38,8 +38,9 @@ class MapRow:
         Where: segment from 1, fraction of its stress path, q/p (signed along the first loading unless the axes turn),
         p over its first value, direction of the major compression from y [degrees].
     dem, model : float
+        There, means over those packings.
     scatter : float
-        Standard deviation of the DEM's value between packings there; NaN for a single one.
+        Standard deviation of the DEM's value between all packings there; NaN for a single one.
     error_over_scatter : float
     compared_to_stress_ratio : float
         q/p to which packings are compared that do not carry the path to its end; NaN if all do.
@@ -245,8 +246,8 @@ def rows_of(found: Cell) -> list[MapRow]:
                 measured = found.dem[quantity]
                 answered = found.model[closure][quantity][:, place]
                 both = np.isfinite(answered)
-                dem, scatter = mean_and_scatter(measured[both, place])
-                values = [dem, float(answered[both].mean()), scatter]
+                scatter = mean_and_scatter(measured[:, place])[1]
+                values = [float(measured[both, place].mean()), float(answered[both].mean()), scatter]
                 values.append(abs(error) / scatter if scatter > 0.0 else np.nan)
                 if quantity in RELATIVE:
                     percent = 100.0 * error / float(measured[:, 0].mean())
@@ -292,13 +293,13 @@ def curve_rows(found: Cell) -> list[list[str | float | int]]:
                     found.material, found.path, int(found.segment[place]),
                     *(float(getattr(found, name)[place]) for name in _WHERE), quantity,
                     *mean_and_scatter(measured[:, place]),
-                    *(float(mean_of_finite(answer[quantity])[place]) for answer in found.model.values()),
+                    *(float(mean_of_all(answer[quantity])[place]) for answer in found.model.values()),
                 ]
             )  # fmt: skip
     return rows
 
 
-def mean_of_finite(values: Array) -> Array:
-    """Mean over the packings that have a value, NaN where none has; shape (nplaces,)."""
-    count = np.isfinite(values).sum(axis=0)
-    return np.where(count > 0, np.nansum(values, axis=0) / np.maximum(count, 1), np.nan)
+def mean_of_all(values: Array) -> Array:
+    """Mean over the packings that the law takes, NaN from where the first of them is refused; shape (nplaces,)."""
+    taken = values[np.isfinite(values).any(axis=1)] if values.size else values
+    return taken.mean(axis=0) if len(taken) else np.full(values.shape[1], np.nan)

@@ -10,7 +10,8 @@ import numpy as np
 from granfabric.cases.pictures.closures import line_of
 from granfabric.cases.pictures.style import BLACK, RED, picture
 
-from .compare import Cell, mean_of_finite
+from .compare import Cell, mean_of_all
+from .closures import CLOSURES
 from .paths import ABSCISSAE
 from .table import SYMBOLS, by_cell, is_refused, scatter_shown, shown, told_closures, where_refused
 
@@ -56,7 +57,7 @@ def _draw_map(path: Path, result: MapResult) -> Path:
     closure = told_closures(result.closures)[0]
     cells = by_cell(result.rows)
     across, down = len(result.paths), len(result.materials)
-    width, height = 2 * (2.2 + 0.95 * across), 2 * (1.7 + 0.55 * down)
+    width, height = 2 * (2.2 + 1.1 * across), 2 * (1.7 + 0.55 * down)
     with picture(path, max(width, 9.0), max(height, 5.0)) as figure:
         for axes, (quantity, (title, most)) in zip(figure.subplots(2, 2).flat, PANELS.items()):
             sizes = np.full((down, across), np.nan)
@@ -143,10 +144,18 @@ def _draw_both(axes: Any, cell: Cell, quantity: str, abscissa: str, closures: tu
                 x[part], (mean - scatter)[part], (mean + scatter)[part], color=BLACK, alpha=0.12, linewidth=0,
                 label=label,
             )  # fmt: skip
-    for place, closure in enumerate(closures):
-        colour, style = line_of(place)
-        curve = mean_of_finite(cell.model[closure][quantity])
+    for closure in closures:
+        colour, style = line_of(CLOSURES.index(closure))
+        answers = cell.model[closure][quantity]
+        curve = mean_of_all(answers)
         axes.plot(x[chosen], curve[chosen], color=colour, linestyle=style, linewidth=1.2, label=closure)
-        reached = np.flatnonzero(np.isfinite(curve) & chosen)
-        if cell.refusals[closure] and len(reached):
-            axes.plot(x[reached[-1]], curve[reached[-1]], "x", color=colour, markersize=7, markeredgewidth=1.8)
+        if not cell.refusals[closure]:
+            continue
+        for answer in answers:  # each to where it was refused
+            reached = np.flatnonzero(np.isfinite(answer) & chosen)
+            if not len(reached):
+                continue
+            beyond = chosen & ~np.isfinite(curve)
+            axes.plot(x[beyond], answer[beyond], color=colour, linewidth=0.7, alpha=0.8)
+            if reached[-1] < np.flatnonzero(chosen)[-1]:
+                axes.plot(x[reached[-1]], answer[reached[-1]], "x", color=colour, markersize=7, markeredgewidth=1.8)

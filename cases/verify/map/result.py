@@ -6,19 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from granfabric.cases.scene.measured import Inputs, from_data, mean_of
-from granfabric.cases.verify.model_side import BEST, SOURCE
 
 from .compare import Cell, MapRow, cell, rows_of
 from .materials import MapMaterial
 from .paths import MapPath
 from .table import by_cell, where_refused
 from .tasks import INPUTS, KERNELS, LAW, PACKING, Done, Task
-
-CLOSURES = (
-    SOURCE, "mean_field, self-consistent", "fluctuating", "shifted_distribution, self-consistent", BEST
-)  # fmt: skip
-QUICK_CLOSURES = (SOURCE, BEST)
-
 
 @dataclass
 class MapPlan:

@@ -279,7 +279,7 @@ def _law(task: Task) -> Done:
     return Done(found)
 
 
-_SOME = {
+SOME_INPUTS = {
     "coordination": 4.0, "solid_fraction": 0.84, "normal_stiffness": 1e9, "stiffness_ratio": 1.0,
     "force_density_at_zero": 0.7, "gap_density_at_zero": 300.0, "neighbours": 6.0, "force_anisotropy_ratio": 1.0,
     "bulk_reduction": 0.9, "shear_reduction": 0.5, "isostatic_coordination": 3.0, "weak_contact_ratio": 0.8,
@@ -293,6 +293,6 @@ def _compile_law(task: Task) -> Done:
     """Call the kernels once, so that they are in the disk cache when the law is asked."""
     p = 1e5
     history = {"stress_xx": [-p, -0.99 * p], "stress_yy": [-p, -1.01 * p], "stress_xy": [0.0, 0.0], "p": [p, p]}
-    for closure in chosen_closures(_SOME, task.closures).values():
-        model_columns(closure, _SOME, {name: np.array(values) for name, values in history.items()}, False)
+    for closure in chosen_closures(SOME_INPUTS, task.closures).values():
+        model_columns(closure, SOME_INPUTS, {name: np.array(values) for name, values in history.items()}, False)
     return Done()
