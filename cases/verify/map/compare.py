@@ -218,48 +218,60 @@ def _angle(p: Array, s1: Array, s2: Array) -> Array:
 def _refusal(seed: int, answer: Mapping[str, Any], records: Array, stress: Array) -> Refusal | None:
     """Where the law stopped; None if it got to the last place of comparison."""
     answered = answer["columns"].get("coordination", np.zeros(0))
-    last = max(int(np.isfinite(answered).sum()) - 1, 0)
+    last = max(int(np.count_nonzero(np.isfinite(answered))) - 1, 0)
     if not len(records) or (answer["columns"] and records[-1] <= last):
         return None
     p, s1, s2 = stress[last]
-    passed = np.count_nonzero(records <= last) - 1
+    passed = int(np.count_nonzero(records <= last)) - 1
     return Refusal(
-        seed, max(passed, 0) / max(len(records) - 1, 1), float(np.hypot(s1, s2) / p), float(p), answer["message"],
+        seed, max(passed, 0) / (len(records) - 1), float(np.hypot(s1, s2) / p), float(p), answer["message"],
         not answer["columns"],
     )  # fmt: skip
 
 
 def rows_of(found: Cell) -> list[MapRow]:
     """One row a closure and quantity."""
-    rows = []
-    for closure, refusals in found.refusals.items():
-        on_its_way = [entry for entry in refusals if not entry.of_inputs]
-        least = min(on_its_way or refusals, key=lambda entry: entry.fraction, default=None)
-        message = least.message if least is not None else "; ".join(found.failures)
-        for quantity in QUANTITIES:
-            error, place, count = largest_error(found, closure, quantity)
-            where: list[Any] = [0, np.nan, np.nan, np.nan, np.nan]
-            values = [np.nan] * 4
-            percent = np.nan
-            if place is not None:
-                where = [int(found.segment[place]), *(float(getattr(found, name)[place]) for name in _WHERE)]
-                measured = found.dem[quantity]
-                answered = found.model[closure][quantity][:, place]
-                both = np.isfinite(answered)
-                scatter = mean_and_scatter(measured[:, place])[1]
-                values = [float(measured[both, place].mean()), float(answered[both].mean()), scatter]
-                values.append(abs(error) / scatter if scatter > 0.0 else np.nan)
-                if quantity in RELATIVE:
-                    percent = 100.0 * error / float(measured[:, 0].mean())
-            limit = np.nan if found.limit is None else found.limit.ratio
-            stopped = [np.nan] * 3 if least is None else [least.fraction, least.stress_ratio, least.pressure_ratio]
-            rows.append(
-                MapRow(
-                    found.material, found.path, closure, quantity, count, error, percent, *where, *values, limit,
-                    len(refusals) - len(on_its_way), len(on_its_way), *stopped, len(found.seeds), message,
-                )
-            )  # fmt: skip
-    return rows
+    return [_row(found, closure, quantity) for closure in found.refusals for quantity in QUANTITIES]
+
+
+def _row(found: Cell, closure: str, quantity: str) -> MapRow:
+    refusals = found.refusals[closure]
+    on_its_way = [entry for entry in refusals if not entry.of_inputs]
+    least = min(on_its_way or refusals, key=lambda entry: entry.fraction, default=None)
+    error, place, count = largest_error(found, closure, quantity)
+    where = dict.fromkeys(_WHERE, np.nan)
+    dem = model = scatter = percent = np.nan
+    if place is not None:
+        where = {name: float(getattr(found, name)[place]) for name in _WHERE}
+        measured, answered = found.dem[quantity], found.model[closure][quantity][:, place]
+        both = np.isfinite(answered)
+        dem, model = float(measured[both, place].mean()), float(answered[both].mean())
+        scatter = mean_and_scatter(measured[:, place])[1]
+        if quantity in RELATIVE:
+            percent = 100.0 * error / float(measured[:, 0].mean())
+    return MapRow(
+        material=found.material,
+        path=found.path,
+        closure=closure,
+        quantity=quantity,
+        packings=count,
+        error=error,
+        error_percent=percent,
+        segment=0 if place is None else int(found.segment[place]),
+        **where,
+        dem=dem,
+        model=model,
+        scatter=scatter,
+        error_over_scatter=abs(error) / scatter if scatter > 0.0 else np.nan,
+        compared_to_stress_ratio=np.nan if found.limit is None else found.limit.ratio,
+        refused_inputs=len(refusals) - len(on_its_way),
+        refused_packings=len(on_its_way),
+        refused_fraction=np.nan if least is None else least.fraction,
+        refused_stress_ratio=np.nan if least is None else least.stress_ratio,
+        refused_pressure_ratio=np.nan if least is None else least.pressure_ratio,
+        all_packings=len(found.seeds),
+        message=least.message if least is not None else "; ".join(found.failures),
+    )
 
 
 _WHERE = ("fraction", "stress_ratio", "pressure_ratio", "angle")

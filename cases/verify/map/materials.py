@@ -15,6 +15,7 @@ from granfabric.cases.scene.reader import parse_assignment
 from granfabric.cases.scene.schema_dem import Packing
 from granfabric.cases.scene.validation_messages import messages
 from granfabric.dem_ref.dynamics.packing import PackingOptions
+from granfabric.dem_ref.sample.disks import SampleError
 
 from .paths import chosen_names
 
@@ -119,6 +120,10 @@ def _material(name: str, own: dict[str, Any]) -> MapMaterial:
     except ValidationError as error:
         raise several([f"--set material.{text}" for _, text in messages(error, Packing, given)]) from error
     options = packing_options(SimpleNamespace(packing=packing))
+    try:
+        options.check()
+    except SampleError as error:  # of keys that do not go together
+        raise InputError(f"material {name!r}: {error}") from error
     added = "".join(f", {key}={value:g}" if isinstance(value, float) else f", {key}={value}" for key, value in
                     own.items())  # fmt: skip
     return MapMaterial(name + added, title + added.replace("_", " "), given, options)

@@ -10,8 +10,8 @@ import numpy as np
 from granfabric.cases.pictures.closures import line_of
 from granfabric.cases.pictures.style import BLACK, RED, picture
 
-from .compare import Cell, mean_of_all
 from .closures import CLOSURES
+from .compare import Cell, mean_of_all
 from .paths import ABSCISSAE
 from .table import SYMBOLS, by_cell, is_refused, scatter_shown, shown, told_closures, where_refused
 

@@ -13,6 +13,7 @@ from .paths import MapPath
 from .table import by_cell, where_refused
 from .tasks import INPUTS, KERNELS, LAW, PACKING, Done, Task
 
+
 @dataclass
 class MapPlan:
     """What a map is asked for, and what came of it so far.
