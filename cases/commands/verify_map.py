@@ -158,9 +158,10 @@ def _scene(plan: MapPlan) -> dict[str, Any]:
 
 def _compute(plan: MapPlan, store: Path, processes: int, screen: Screen, stop: InterruptRequest) -> None:
     """The DEM and the law, side by side."""
+    counts = ((len(plan.materials), "material"), (len(plan.paths), "path"), (len(plan.seeds), "packing"))
+    said = ", ".join(f"{count} {word}{'s' if count > 1 else ''}" for count, word in counts)
     screen.say(
-        f"{len(plan.materials)} materials, {len(plan.seeds)} packings each of {plan.particles} disks, "
-        f"{len(plan.paths)} paths; {processes} process{'es' if processes > 1 else ''}"
+        f"{said} a material of {plan.particles} disks; {processes} process{'es' if processes > 1 else ''} side by side"
     )
     first = [Task(store, plan.particles, material, seed, PACKING) for material, seed in plan.first]
     if processes > 1:
