@@ -189,9 +189,7 @@ def cell(
         stresses[-1] /= stress[0, 0]
         for closure in closures:
             answer = law[closure]
-            nothing = np.full(shortest, np.nan)
-            columns = sampled(answer["columns"], records) if answer["columns"] else dict.fromkeys(QUANTITIES, nothing)
-            answers[closure].append(columns)
+            answers[closure].append(_answered(answer["columns"], records))
             refusal = _refusal(seed, answer, records, stress / stress[0, 0])
             if refusal is not None:
                 found.refusals[closure].append(refusal)
@@ -213,6 +211,15 @@ def _angle(p: Array, s1: Array, s2: Array) -> Array:
     angle = np.zeros(len(p))
     angle[clear] = np.degrees(np.unwrap(np.arctan2(-s2[clear], -s1[clear]))) / 2.0
     return angle
+
+
+def _answered(columns: Mapping[str, Array], records: Array) -> dict[str, Array]:
+    """The law's columns at fractional records, NaN beyond the last that it has."""
+    if not columns:
+        return {name: np.full(len(records), np.nan) for name in QUANTITIES}
+    count = int(np.count_nonzero(np.isfinite(columns["coordination"])))
+    found = sampled({name: columns[name][:count] for name in QUANTITIES}, records)
+    return {name: np.where(records <= count - 1, values, np.nan) for name, values in found.items()}
 
 
 def _refusal(seed: int, answer: Mapping[str, Any], records: Array, stress: Array) -> Refusal | None:
