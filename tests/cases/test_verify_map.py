@@ -51,7 +51,7 @@ def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--paths", "lateral_stress_faling"), ("--paths: the path", "the nearest is 'lateral_stress_falling'", "loop")),
+        (("--paths", "lateral_faling"), ("--paths: the path", "the nearest is 'lateral_stress_falling'", "loop")),
         (("--paths", "loop,,x"), ("the path 'x' is unknown",)),
         (("--paths", " , "), ("--paths names nothing (legal: constant_pressure",)),
         (("--materials", "frction_0.2"), ("--materials: the material", "the nearest is 'friction_0.2'", "kt_kn_0.5")),

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 RELATIVE = ("coordination", "mean_normal_force")
 """Quantities whose errors are told in per cent of their values at the start."""
 
+ROUNDING = 1e-6
+"""Of fractional numbers of records."""
+
 
 @dataclass(frozen=True)
 class MapRow:
@@ -219,17 +222,17 @@ def _answered(columns: Mapping[str, Array], records: Array) -> dict[str, Array]:
         return {name: np.full(len(records), np.nan) for name in QUANTITIES}
     count = int(np.count_nonzero(np.isfinite(columns["coordination"])))
     found = sampled({name: columns[name][:count] for name in QUANTITIES}, records)
-    return {name: np.where(records <= count - 1, values, np.nan) for name, values in found.items()}
+    return {name: np.where(records <= count - 1 + ROUNDING, values, np.nan) for name, values in found.items()}
 
 
 def _refusal(seed: int, answer: Mapping[str, Any], records: Array, stress: Array) -> Refusal | None:
     """Where the law stopped; None if it got to the last place of comparison."""
     answered = answer["columns"].get("coordination", np.zeros(0))
     last = max(int(np.count_nonzero(np.isfinite(answered))) - 1, 0)
-    if not len(records) or (answer["columns"] and records[-1] <= last):
+    if not len(records) or (answer["columns"] and records[-1] <= last + ROUNDING):
         return None
     p, s1, s2 = stress[last]
-    passed = int(np.count_nonzero(records <= last)) - 1
+    passed = int(np.count_nonzero(records <= last + ROUNDING)) - 1
     return Refusal(
         seed, max(passed, 0) / (len(records) - 1), float(np.hypot(s1, s2) / p), float(p), answer["message"],
         not answer["columns"],
