@@ -73,7 +73,12 @@ def carry_out_all(
             for connection in wait([worker.connection for worker in crew if worker.task], POLL_SECONDS):
                 worker = next(one for one in crew if one.connection is connection)
                 task = worker.task
-                done = worker.hear()
+                try:
+                    done = worker.hear()
+                except RunError:
+                    if not stop():  # else it was told to end as well
+                        raise
+                    worker.task = done = None
                 if done is not None and task is not None:
                     ready.extendleft(reversed(list(follow(task, done))))
             advance({worker.task.text: worker.fraction for worker in crew if worker.task})
