@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import patches
 from patches import TREE, Patch, PatchError
 
-COPIED = ("constitutive", "fem", "dem_ref", "cases", "docs", "tests", "pyproject.toml", "README.md")
+COPIED = ("api", "constitutive", "fem", "dem_ref", "cases", "docs", "tests", "pyproject.toml", "README.md")
 LIMIT = 900
 """Seconds after which a test run counts as one that hangs, which is noticed too."""
 
@@ -36,7 +36,8 @@ def try_out(patch: Patch, copy: Path, cache: Path) -> str:
     path = copy / patch.file
     before, times = path.read_text(encoding="utf-8"), path.stat()
     path.write_text(patch.applied(before), encoding="utf-8")
-    settings = {"PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
+    links = copy / "tests" / "types"  # the copy under the name it is imported by, before one that is installed
+    settings = {"PYTHONPATH": str(links), "NUMBA_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-rfE", "-p", "no:cacheprovider", "-o", "addopts="]
     command += ["--strict-markers", "-m", "not slow and not long"]
     try:
@@ -80,7 +81,8 @@ def run(names: list[str]) -> int:
         for name in COPIED:
             source = TREE / name
             if source.is_dir():
-                shutil.copytree(source, copy / name, ignore=shutil.ignore_patterns("__pycache__", "*.png"))
+                ignored = shutil.ignore_patterns("__pycache__", "*.png")
+                shutil.copytree(source, copy / name, symlinks=True, ignore=ignored)
             else:
                 shutil.copy(source, copy / name)
         for patch in chosen(names):
