@@ -190,6 +190,20 @@ def test_what_the_law_refuses_beyond_the_comparison_does_not_count() -> None:
     assert row.error == pytest.approx(0.16)
 
 
+def test_ratios_are_signed_along_the_first_loading_and_pressures_relative() -> None:
+    """A reversal after p has doubled; with axes that turn the ratio is that along the major compression."""
+    ratio = np.concatenate([np.linspace(0.0, 0.2, 31), np.linspace(0.2, -0.2, 31)[1:]])
+    pressure = np.linspace(1.0, 2.0, COUNT)
+    there = history(pressure, ratio, np.repeat([0, 1, 2], [30, 30, 1]))
+    for turning, sign in ((False, -1.0), (True, 1.0)):
+        path = replace(MAP_PATHS["isotropic_falling"], turning=turning)  # two segments, driven by stress
+        found = cell("m", "isotropic_falling", path, (BEST,), {1: ({"history": there, "reason": ""}, {BEST: REFUSED})})
+        assert found.segment[[15, 16]].tolist() == [1.0, 2.0]
+        assert found.stress_ratio[[15, -1]] == pytest.approx([0.2, sign * 0.2])
+        assert found.pressure_ratio[[0, -1]] == pytest.approx([1.0, 2.0])
+        assert found.angle[-1] == pytest.approx(90.0)
+
+
 # the order of the work
 
 
