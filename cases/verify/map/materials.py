@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
 from pydantic import ValidationError
 
 from granfabric.cases.errors import InputError, several, short, unknown
-from granfabric.cases.scene.dem_path import packing_options
+from granfabric.cases.scene.dem_path import PathError, packing_options
 from granfabric.cases.scene.reader import parse_assignment
-from granfabric.cases.scene.schema_dem import Packing
+from granfabric.cases.scene.schema_dem import Measure, Packing
 from granfabric.cases.scene.validation_messages import messages
 from granfabric.dem_ref.dynamics.packing import PackingOptions
 from granfabric.dem_ref.sample.disks import SampleError
@@ -59,8 +59,7 @@ QUICK_MATERIALS = ("source", "friction_0.2", "kt_kn_0.2", "size_ratio_2")
 
 def legal_keys() -> list[str]:
     """Keys that `--set` takes: those of a packing but its number of disks and seed, which have options of their own."""
-    own = {entry.name for entry in fields(PackingOptions)}
-    return [name for name in Packing.model_fields if name in own]
+    return [name for name in Packing.model_fields if name not in ("particles", "seed")]
 
 
 MATERIALS = {name: row for name, row in _ROWS.items() if set(row[1]) <= set(legal_keys())}
@@ -119,10 +118,10 @@ def _material(name: str, own: dict[str, Any]) -> MapMaterial:
         packing = Packing.model_validate(given)
     except ValidationError as error:
         raise several([f"--set material.{text}" for _, text in messages(error, Packing, given)]) from error
-    options = packing_options(SimpleNamespace(packing=packing))
     try:
+        options = packing_options(SimpleNamespace(packing=packing, measure=Measure()))
         options.check()
-    except SampleError as error:  # of keys that do not go together
+    except (PathError, SampleError) as error:  # of keys that do not go together
         raise InputError(f"material {name!r}: {error}") from error
     added = "".join(f", {key}={value:g}" if isinstance(value, float) else f", {key}={value}" for key, value in
                     own.items())  # fmt: skip
