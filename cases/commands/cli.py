@@ -225,26 +225,73 @@ def verify(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Result folder; DEM runs in it are used again.")
     ] = Path("results/verify"),
-    particles: Annotated[int, typer.Option("--particles", metavar="N", help="Disks of a packing.")] = 2500,
-    seeds: Annotated[int, typer.Option("--seeds", metavar="K", help="Packings, for the scatter of the DEM.")] = 1,
+    particles: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("--particles", metavar="N", help="Disks of a packing; 2500 if not given, 400 with --quick."),
+    ] = None,
+    seeds: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option(
+            "--seeds",
+            metavar="K",
+            help="Packings, for the scatter of the DEM. 1 if not given, 2 with --quick.",
+        ),
+    ] = None,
+    paths: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--paths", metavar="NAMES", help="Map: paths, comma separated, or all."),
+    ] = None,
+    materials: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--materials", metavar="NAMES", help="Map: materials, comma separated, or all."),
+    ] = None,
+    assignments: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Map: a key of every packing, e.g. material.friction=0.3. With --data: keys of the law, see fit.",
+        ),
+    ] = None,
     data: DataOption = None,
-    assignments: DataSetOption = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Map: small packings, few materials and paths if not given; two minutes.")
+    ] = False,
+    processes: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("--processes", metavar="N", help="Map: processes at work side by side, one a core if not given."),
+    ] = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:
-    """Compare the point law with the DEM: the source's four figures and a table of errors. With --data with curves."""
+    """Compare the point law with the DEM: the source's four figures and a table of errors, or a map.
+
+    With --paths, --materials, --set or --quick a map of materials by paths. With --data the law alone against curves.
+    """
     with _speaking(quiet, verbose) as screen:
         if data:
+            given = {"--paths": paths, "--materials": materials, "--quick": quick or None, "--processes": processes}
+            given |= {"--particles": particles, "--seeds": seeds}
+            for name, value in given.items():
+                if value is not None:
+                    raise InputError(f"{name} is of comparisons with the DEM; --data compares with curves")
             from .fit import curves_of, run_comparison
 
             _exit(run_comparison(curves_of(data), output, screen, assignments or [], overwrite)[0].outcome)
             return
-        if assignments:
-            raise InputError("--set goes with --data: without curves of yours all inputs are measured on the packings")
-        from .verify import run_verify
+        from .verify import PARTICLES, SEEDS, run_verify
+        from .verify_map import MapRequest, run_map
 
-        _exit(run_verify(output, particles, seeds, screen, overwrite).outcome)
+        request = MapRequest(paths, materials, assignments or (), quick, particles, seeds, processes)
+        if request.is_map:
+            record = run_map(request, output, screen, overwrite)
+        elif processes is not None:
+            raise InputError("--processes goes with a map: --paths, --materials, --set or --quick")
+        else:
+            numbers = (PARTICLES if particles is None else particles, SEEDS if seeds is None else seeds)
+            record = run_verify(output, *numbers, screen, overwrite)
+        _exit(record.outcome)
 
 
 @app.command()
