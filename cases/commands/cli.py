@@ -17,6 +17,15 @@ import typer
 from granfabric.cases.errors import InputError, RunError
 
 from .fit_options import CurvesArgument, DataOption, DataSetOption, FitOutputOption, FreeOption, MaterialFileOption
+from .verify_options import (
+    MaterialsOption,
+    PackingSetOption,
+    ParticlesOption,
+    PathsOption,
+    ProcessesOption,
+    QuickOption,
+    SeedsOption,
+)
 
 INTERRUPTED = 130
 """What the library of the command line makes of Ctrl-C."""
@@ -225,42 +234,14 @@ def verify(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Result folder; DEM runs in it are used again.")
     ] = Path("results/verify"),
-    particles: Annotated[
-        Optional[int],  # noqa: UP045
-        typer.Option("--particles", metavar="N", help="Disks of a packing; 2500 if not given, 400 with --quick."),
-    ] = None,
-    seeds: Annotated[
-        Optional[int],  # noqa: UP045
-        typer.Option(
-            "--seeds",
-            metavar="K",
-            help="Packings, for the scatter of the DEM. 1 if not given, 2 with --quick.",
-        ),
-    ] = None,
-    paths: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option("--paths", metavar="NAMES", help="Map: paths, comma separated, or all."),
-    ] = None,
-    materials: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option("--materials", metavar="NAMES", help="Map: materials, comma separated, or all."),
-    ] = None,
-    assignments: Annotated[
-        Optional[list[str]],  # noqa: UP045
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Map: a key of every packing, e.g. material.friction=0.3. With --data: keys of the law, see fit.",
-        ),
-    ] = None,
+    particles: ParticlesOption = None,
+    seeds: SeedsOption = None,
+    paths: PathsOption = None,
+    materials: MaterialsOption = None,
+    assignments: PackingSetOption = None,
     data: DataOption = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Map: small packings, few materials and paths if not given; two minutes.")
-    ] = False,
-    processes: Annotated[
-        Optional[int],  # noqa: UP045
-        typer.Option("--processes", metavar="N", help="Map: processes at work side by side, one a core if not given."),
-    ] = None,
+    quick: QuickOption = False,
+    processes: ProcessesOption = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
@@ -270,28 +251,10 @@ def verify(
     With --paths, --materials, --set or --quick a map of materials by paths. With --data the law alone against curves.
     """
     with _speaking(quiet, verbose) as screen:
-        if data:
-            given = {"--paths": paths, "--materials": materials, "--quick": quick or None, "--processes": processes}
-            given |= {"--particles": particles, "--seeds": seeds}
-            for name, value in given.items():
-                if value is not None:
-                    raise InputError(f"{name} is of comparisons with the DEM; --data compares with curves")
-            from .fit import curves_of, run_comparison
+        from .verify_kinds import verify_as_asked
 
-            _exit(run_comparison(curves_of(data), output, screen, assignments or [], overwrite)[0].outcome)
-            return
-        from .verify import PARTICLES, SEEDS, run_verify
-        from .verify_map import MapRequest, run_map
-
-        request = MapRequest(paths, materials, assignments or (), quick, particles, seeds, processes)
-        if request.is_map:
-            record = run_map(request, output, screen, overwrite)
-        elif processes is not None:
-            raise InputError("--processes goes with a map: --paths, --materials, --set or --quick")
-        else:
-            numbers = (PARTICLES if particles is None else particles, SEEDS if seeds is None else seeds)
-            record = run_verify(output, *numbers, screen, overwrite)
-        _exit(record.outcome)
+        choice = (particles, seeds, paths, materials, assignments or [], data or [], quick, processes)
+        _exit(verify_as_asked(output, *choice, screen, overwrite).outcome)
 
 
 @app.command()
