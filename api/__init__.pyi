@@ -16,6 +16,8 @@ from .constitutive.plain_laws.von_mises import VonMisesMaterial as VonMisesMater
 from .dem_ref.dynamics.packing import PackingError as PackingError
 from .dem_ref.dynamics.packing import PackingOptions as PackingOptions
 from .dem_ref.dynamics.packing import make_packing as make_packing
+from .dem_ref.exchange.files import load_packing as load_packing
+from .dem_ref.exchange.files import save_packing as save_packing
 from .dem_ref.loading.path import Segment as Segment
 from .dem_ref.loading.run import DemRun as DemRun
 from .dem_ref.loading.run import RunOptions as RunOptions

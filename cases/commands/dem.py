@@ -106,7 +106,7 @@ def run_dem(
         record.write()
         screen.keep_log(folder / files.LOG, versions())
         try:
-            sample = _resting(kept[0] or _packing(scene, record, screen, stop, watch), record, screen)
+            sample = resting(kept[0] or _packing(scene, record, screen, stop, watch), record, screen)
             _measure(scene, sample, record, screen, watch)
             run = kept[1] or DemRun(sample, options)
             _load(loaded, run, sample, record, screen, stop, watch)
@@ -182,7 +182,7 @@ def _packing(scene: Any, record: Record, screen: Screen, stop: InterruptRequest,
     return sample
 
 
-def _resting(sample: Sample, record: Record, screen: Screen) -> Sample:
+def resting(sample: Sample, record: Record, screen: Screen) -> Sample:
     """The packing at rest: itself, or a copy held at its stress until it is."""
     resting = at_rest(sample)
     if resting is not sample:
@@ -352,7 +352,7 @@ def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
         for line in record.details["not_reached"]:
             screen.say(line, insist=True)
     measured = from_data(record.details.get("measured"))
-    doubtful = _doubts(measured)
+    doubtful = doubts(measured)
     for line in doubtful:
         screen.say(f"{files.MATERIAL}: {line}", insist=True)
     if record.outcome != "finished":
@@ -367,7 +367,7 @@ def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
     screen.say(f"{phases}; results in {record.folder}{warned}")
 
 
-def _doubts(measured: Inputs) -> list[str]:
+def doubts(measured: Inputs) -> list[str]:
     """One line for each measured value that is in doubt, or that the law will refuse."""
     said = warnings(measured)
     complaint = "" if refused(measured) or not measured.values else refusal(measured.values)

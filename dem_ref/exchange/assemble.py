@@ -38,7 +38,9 @@ AGREEMENT = 0.02
 WEAK = 1e-3
 """Force over its mean below which a contact may be missing in a list."""
 OVER_LIMIT = 0.01
-"""Relative excess over Coulomb's limit that rounding and damping explain."""
+"""Share of the tangential forces beyond Coulomb's limit that damping and rounding explain; it is cut off."""
+SAME_CELL = 1e-6
+"""Largest difference between the cells of disks and of their contacts, over their size."""
 TURNED = 0.3
 """An unbalanced force that falls to this share when all tangential forces change sign says that they are on the other
 disk."""
@@ -216,6 +218,7 @@ def _matched(disks: RawDisks, contacts: RawContacts, sample: Sample) -> _Matched
         raise SampleError(
             f"{disks.origin}: has no column id, by which the contacts in {origin} could name the disks"
         )
+    _compare_cells(disks, contacts)
     first, second = _places(disks, contacts, contacts.first), _places(disks, contacts, contacts.second)
     itself = np.flatnonzero(first == second)
     if len(itself):
@@ -264,6 +267,17 @@ def _matched(disks: RawDisks, contacts: RawContacts, sample: Sample) -> _Matched
                 "files belong to the same state?"
             )
     return _Matched(contacts, row, overlap, same, force)
+
+
+def _compare_cells(disks: RawDisks, contacts: RawContacts) -> None:
+    if contacts.cell is None or disks.cell is None:
+        return
+    off = float(np.abs(contacts.cell - disks.cell).max()) / float(np.abs(disks.cell).max())
+    if off > SAME_CELL:
+        raise SampleError(
+            f"{contacts.origin}: its cell {contacts.cell.tolist()} is not the cell {disks.cell.tolist()} of "
+            f"{disks.origin}: another time step, or other axes (a dump with triclinic/general beside one without)"
+        )
 
 
 def _places(disks: RawDisks, contacts: RawContacts, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -326,17 +340,16 @@ def _take_forces(matched: _Matched, sample: Sample, unit: float, remarks: list[s
         elongation = -unit * tangential / stiffness
     limit = sample.friction * real.normal_force
     force = np.abs(stiffness * elongation)
-    over = force - limit * (1.0 + OVER_LIMIT) - WEAK * OVER_LIMIT * (real.normal_force.mean() if real.count else 0.0)
-    if real.count and over.max() > 0.0:
-        at = int(np.argmax(force / real.normal_force))
+    over = np.maximum(force - limit, 0.0)
+    if over.sum() > OVER_LIMIT * force.sum():
+        at = int(np.argmax(over))
         line = matched.contacts.line[matched.row[at]]
         raise SampleError(
             f"{origin}, line {line}: the tangential force is {force[at] / real.normal_force[at]:.4g} times the normal "
-            f"one, above friction = {sample.friction:g} ({int((over > 0.0).sum())} contacts); is the friction larger, "
-            "or the unit of force another?"
+            f"one, above friction = {sample.friction:g}, as in {np.count_nonzero(over > OVER_LIMIT * limit)} contacts; "
+            "is the friction larger, or the unit of force another?"
         )
-    # a kernel would take the excess off in the first step
-    cap = limit / stiffness
+    cap = limit / stiffness  # a kernel would take the excess off in the first step
     key = sample.pairs.first.astype(np.int64) * sample.count + sample.pairs.second
     place = np.searchsorted(key, real.key)
     sample.pairs.tangential[place] = np.where(np.abs(elongation) > cap, np.sign(elongation) * cap, elongation)

@@ -32,8 +32,6 @@ SHAPES = ("ellipsoids", "lines", "triangles", "bodies")
 SECTION = re.compile(r"[A-Z][A-Za-z]*(?: [A-Z][A-Za-z]*)*$")
 UNITS = re.compile(r"units\s*=\s*(\w+)")
 KEY = re.compile(rf"({'|'.join(KEYS)}) = ([^\s,;]+)")
-TILT = 0.5
-"""Beyond this share of the width LAMMPS calls a box tilted too far."""
 
 
 @dataclass
@@ -166,20 +164,19 @@ def lammps_data_text(sample: Sample) -> str:
     ``bvec``), which LAMMPS reads since 2024 and turns into its own axes.
     """
     cell = sample.cell.tolist()
-    depth = 2.0 * float(sample.radius.max())
     law = (
         f"normal_stiffness = {sample.normal_stiffness!r}, stiffness_ratio = {sample.stiffness_ratio!r}, "
         f"friction = {sample.friction!r}"
     )
     lines = [f"disks of granfabric; {law}", "", f"{sample.count} atoms", "1 atom types", ""]
     if cell[0][1] == 0.0:
-        lines += [f"0.0 {cell[0][0]!r} xlo xhi", f"0.0 {cell[1][1]!r} ylo yhi", f"{-0.5 * depth!r} {0.5 * depth!r} zlo zhi"]
+        lines += [f"0.0 {cell[0][0]!r} xlo xhi", f"0.0 {cell[1][1]!r} ylo yhi", "-0.5 0.5 zlo zhi"]
         if cell[1][0] != 0.0:
             lines.append(f"{cell[1][0]!r} 0.0 0.0 xy xz yz")
     else:
         lines += [
             f"{cell[0][0]!r} {cell[0][1]!r} 0.0 avec", f"{cell[1][0]!r} {cell[1][1]!r} 0.0 bvec",
-            f"0.0 0.0 {depth!r} cvec", f"0.0 0.0 {-0.5 * depth!r} abc origin",
+            "0.0 0.0 1.0 cvec", "0.0 0.0 -0.5 abc origin",  # the only ones that LAMMPS takes in a plane
         ]  # fmt: skip
     lines += ["", "Atoms # sphere", ""]
     for number, (at, diameter) in enumerate(zip(sample.position.tolist(), (2.0 * sample.radius).tolist()), start=1):

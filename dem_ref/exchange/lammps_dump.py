@@ -151,17 +151,19 @@ def read_lammps_local(file: TextFile, columns: Sequence[str] | None = None, step
             body.line, f"contact_columns names {len(columns)} columns, the file has {len(body.words)}: "
             f"{', '.join(body.words)}"
         )  # fmt: skip
-    return contacts_of_rows(file, body.line, columns or body.words, body.rows)
+    contacts = contacts_of_rows(file, body.line, columns or body.words, body.rows)
+    box = next((item for item in items if item.name == BOX), None)
+    contacts.cell = None if box is None else _cell(file, box)
+    return contacts
 
 
 def _box_lines(sample: Sample) -> list[str]:
     (ax, ay), (bx, by) = sample.cell.tolist()
-    depth = 2.0 * float(sample.radius.max())
     if ay == 0.0 and bx == 0.0:
-        return [f"{ITEM} {BOX} pp pp pp", f"0.0 {ax!r}", f"0.0 {by!r}", f"{-0.5 * depth!r} {0.5 * depth!r}"]
+        return [f"{ITEM} {BOX} pp pp pp", f"0.0 {ax!r}", f"0.0 {by!r}", "-0.5 0.5"]
     return [
         f"{ITEM} {BOX} abc origin pp pp pp", f"{ax!r} {ay!r} 0.0 0.0", f"{bx!r} {by!r} 0.0 0.0",
-        f"0.0 0.0 {depth!r} {-0.5 * depth!r}",
+        "0.0 0.0 1.0 -0.5",
     ]  # fmt: skip
 
 

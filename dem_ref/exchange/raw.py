@@ -64,6 +64,8 @@ class RawContacts:
         Numbers of disks.
     columns : dict of str to (m,)
         Of `FORCE_COLUMNS`.
+    cell : (2, 2), optional
+        The cell that the list tells of, in the axes in which its forces are.
     """
 
     origin: str
@@ -71,6 +73,7 @@ class RawContacts:
     first: NDArray[np.int64]
     second: NDArray[np.int64]
     columns: dict[str, Array]
+    cell: Array | None = None
 
 
 FORCE_COLUMNS = {
