@@ -61,7 +61,7 @@ class PackingOptions:
         Of ``given``: diameters [m] and passing fractions by number, ascending, from 0 to 1 (`read_grading`); takes the
         place of `diameter_ratio` and `mean_diameter`.
     preparation_friction : float, optional
-        During compaction; without any if not given.
+        During compaction; without any if not given, at most `friction`.
     coordination, solid_fraction : float, optional
         Wanted: the friction during compaction that gives it is searched.
     counted : str, optional
@@ -102,6 +102,11 @@ class PackingOptions:
         given = [name for name in PREPARATION if getattr(self, name) is not None]
         if len(given) > 1:
             raise SampleError(f"{' and '.join(given)} are given; one of them decides the friction during compaction")
+        if self.preparation_friction is not None and self.preparation_friction > self.friction:
+            raise SampleError(
+                f"preparation_friction is {self.preparation_friction:g}, above the friction of {self.friction:g} "
+                "afterwards: a packing falls together when its friction falls"
+            )
         if self.counted not in (None, "included", "excluded"):
             raise SampleError(f"counted is {self.counted!r}, legal are 'included' and 'excluded'")
         if (self.distribution == "given") != (self.grading is not None):
