@@ -278,7 +278,7 @@ def measure(
     relax: Annotated[
         bool,
         typer.Option(
-            "--relax", help="Hold the packing at its stress first, so that tangential forces build up that are not given."
+            "--relax", help="Hold the packing at its stress first, so that missing tangential forces build up."
         ),
     ] = False,
     rattlers: Annotated[

@@ -13,7 +13,7 @@ from granfabric.cases.errors import InputError, RunError
 from granfabric.cases.records import files
 from granfabric.cases.records.record import Record, versions
 from granfabric.cases.scene.material_file import material_text
-from granfabric.cases.scene.measured import as_data, measure_inputs, refused
+from granfabric.cases.scene.measured import as_data, from_data, measure_inputs, refused
 from granfabric.cases.scene.owner import Owner
 from granfabric.cases.terminal.compile_watch import CompileWatch, watching
 from granfabric.cases.terminal.screen import Screen
@@ -80,7 +80,7 @@ def run_measure(
     owner = Owner("measure", path.stem, title, path)
     files.check_output(folder, owner, overwrite)
     imported = _imported(path, given)
-    scene = {"title": title, "kind": "measure", "file": str(path.resolve()), "format": imported.format}
+    scene: dict[str, Any] = {"title": title, "kind": "measure", "file": str(path.resolve()), "format": imported.format}
     scene |= {name: _plain(value) for name, value in given.items() if value not in (None, False)}
     scene |= {"rattlers": rattlers, "loop_stress_ratio": loop_stress_ratio}
     record = Record(folder, path.stem, scene, is_scene=False, scene_file=owner.place)
@@ -132,8 +132,7 @@ def _imported(path: Path, given: dict[str, Any]) -> Imported:
     if not p > 0.0:
         raise InputError(
             f"{path}: no pressure, {contacts.count} contacts among {sample.count} disks that fill "
-            f"{100 * sample.solid_fraction:.3g} % of the cell; are sizes diameters where radii are meant, or is the cell "
-            "too large?"
+            f"{100 * sample.solid_fraction:.3g} % of the cell; are radii taken for diameters, or is the cell too large?"
         )
     if q > ISOTROPIC * p:
         missing = "" if imported.forces_given else " (tangential forces were not given; with them it may be less)"
@@ -176,8 +175,6 @@ def _measure(
 
 
 def _report(record: Record, screen: Screen) -> None:
-    from granfabric.cases.scene.measured import from_data
-
     measured = from_data(record.details.get("measured"))
     if record.outcome != "finished":
         screen.say(f"{record.outcome}: {record.message}", insist=True)

@@ -49,18 +49,18 @@ class Packing(Section):
     )
     preparation_friction: Annotated[float, Field(ge=0.0, le=1000.0)] | None = Field(
         default=None,
-        description="coefficient during compaction [-], at most that after packing: the larger, the looser; none if not "
-        "given",
+        description="coefficient during compaction [-], at most that after packing: the larger, the looser; none if "
+        "not given",
     )
     coordination: Annotated[float, Field(ge=2.5, le=5.0)] | None = Field(
         default=None,
-        description="wanted coordination number [-], counted as measure.rattlers says: the friction during compaction is "
-        "searched that gives it, within 0.01 or the scatter of a packing of that size; 3.3 to 4.1 are usual",
+        description="wanted coordination number [-], counted as measure.rattlers says: the friction during compaction "
+        "that gives it is searched, to within 0.01 or the scatter of a packing of that size",
     )
     solid_fraction: Annotated[float, Field(ge=0.6, le=0.95)] | None = Field(
         default=None,
-        description="wanted area of the disks over that of the cell [-]: the friction during compaction is searched that "
-        "gives it",
+        description="wanted area of the disks over that of the cell [-]: the friction during compaction that gives it "
+        "is searched",
     )
     diameter_ratio: Annotated[float, Field(ge=1.0, le=5.0)] = Field(
         default=1.25, description="largest over smallest [-]"
@@ -89,8 +89,8 @@ class Packing(Section):
             raise ValueError(f"{' and '.join(given)} are given; one of them decides the friction during compaction")
         if self.preparation_friction is not None and self.preparation_friction > self.friction:
             raise ValueError(
-                f"preparation_friction = {self.preparation_friction:g} is above friction = {self.friction:g}: a packing "
-                "falls together when its friction falls"
+                f"preparation_friction = {self.preparation_friction:g} is above friction = {self.friction:g}: a "
+                "packing falls together when its friction falls"
             )
         if self.size_deviation is not None and self.distribution != "lognormal":
             raise ValueError(f"size_deviation goes with distribution = 'lognormal', not with {self.distribution!r}")

@@ -80,22 +80,21 @@ def disks_of(
     radius = sizes if size == "radius" else 0.5 * sizes
     position, digits, plane = _positions(file, header, given, names, rows, radius, cell)
     numbered = "id" in names
-    line = np.array([number for number, _ in rows], dtype=np.int64)
+    lines = np.array([line for line, _ in rows], dtype=np.int64)
+    identity = np.arange(1, len(rows) + 1, dtype=np.int64)
     if numbered:
         place = names.index("id")
-        identity = np.array([file.whole(tokens[place], at, "id", 0) for at, tokens in rows], dtype=np.int64)
-    else:
-        identity = np.arange(1, len(rows) + 1)
+        identity = np.array([file.whole(tokens[place], line, "id", 0) for line, tokens in rows], dtype=np.int64)
     order = np.argsort(identity, kind="stable")
     twice = np.flatnonzero(np.diff(identity[order]) == 0)
     if len(twice):
         raise file.error(
-            int(line[order[twice[0] + 1]]),
-            f"id = {identity[order[twice[0]]]} stands in line {line[order[twice[0]]]} already",
+            int(lines[order[twice[0] + 1]]),
+            f"id = {identity[order[twice[0]]]} stands in line {lines[order[twice[0]]]} already",
         )
     return (
         RawDisks(
-            file.origin, identity[order], numbered, line[order], position[order], radius[order], digits=digits
+            file.origin, identity[order], numbered, lines[order], position[order], radius[order], digits=digits
         ),
         plane,
     )
@@ -115,7 +114,7 @@ def _positions(
         across = next((axis for axis in "zyx" if spread[axis] <= flat), None)
         if across is None:
             raise SampleError(
-                f"{file.origin}: a packing in space (z runs from {columns['z'].min():.6g} to {columns['z'].max():.6g}); "
+                f"{file.origin}: a packing in space, z from {columns['z'].min():.6g} to {columns['z'].max():.6g}; "
                 "wanted are disks in a plane, one coordinate the same for all"
             )
         del columns[across]

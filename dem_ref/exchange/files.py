@@ -58,9 +58,8 @@ def _told_by(file: TextFile) -> str:
     head = [line.strip() for line in file.lines[:HEAD]]
     if any(line.startswith("ITEM:") for line in head):
         return "lammps_dump"
-    if any(line.partition("#")[0].strip() == "Atoms" for line in head) or any(line.endswith("xlo xhi") for line in head):
-        return "lammps_data"
-    return "csv"
+    data = any(line.partition("#")[0].strip() == "Atoms" or line.endswith("xlo xhi") for line in head)
+    return "lammps_data" if data else "csv"
 
 
 def import_packing(
@@ -88,9 +87,11 @@ def import_packing(
         if value is not None and not is_within(value, 0.0, 1e300):
             raise SampleError(f"{name} is {value}, legal are finite values >= 0")
     if named == "npz":
-        told = {"contacts": contacts, "contact_columns": contact_columns, "cell": cell, "step": step, **given}
-        for name, value in told.items():
-            if value is not None:
+        told: dict[str, object] = {
+            "contacts": contacts, "contact_columns": contact_columns, "cell": cell, "step": step, **given
+        }  # fmt: skip
+        for name, said in told.items():
+            if said is not None:
                 raise SampleError(f"{path}: is a stored sample, which knows all of itself; leave out {name}")
         made = Imported(load_sample(path), named, [], True)
     else:

@@ -37,7 +37,7 @@ def read_grading(path: str | Path) -> tuple[tuple[float, float], ...]:
         if text.strip() and not text.strip().startswith("#")
     ]
     if not rows:
-        raise SampleError(f"{file.origin}: is empty; wanted are the columns size and passing_by_area (or _mass, _number)")
+        raise SampleError(f"{file.origin}: is empty; wanted are the columns size and passing_by_area")
     head, names = rows[0][0], [name.lower() for name in rows[0][1]]
     found = [name for name in names if name in PASSING]
     if "size" not in names or len(found) != 1:
@@ -71,8 +71,8 @@ def _by_number(
     small, large = size[used[0]], size[used[-1] + 1]
     if large > LARGEST_RATIO * small:
         raise file.error(
-            lines[used[-1] + 1], f"size = {large:g} is {large / small:.3g} times the smallest, {small:g}; legal is up to "
-            f"{LARGEST_RATIO:g}",
+            lines[used[-1] + 1],
+            f"size = {large:g} is {large / small:.3g} times the smallest, {small:g}; legal is up to {LARGEST_RATIO:g}",
         )  # fmt: skip
     curve: list[tuple[float, float]] = []
     total = 0.0
@@ -97,7 +97,7 @@ FINE = 50
 
 
 def grading_of(radius: NDArray[np.float64]) -> dict[str, float]:
-    """What is told of the grading of a packing: extreme and mean diameters, and those that a fraction by area passes."""
+    """What is told of a grading: smallest, largest and mean diameter, and those that a fraction by area passes."""
     diameter = np.sort(2.0 * radius)
     area = np.cumsum(diameter**2)
     at = {name: float(diameter[np.searchsorted(area, level * area[-1])]) for name, level in LEVELS.items()}
