@@ -30,6 +30,8 @@ DEEPEST = 0.2
 """Largest overlap over the smaller diameter."""
 FARTHEST_PERIODS = 60.0
 """Most periods between a disk and the cell."""
+FEWEST_DIGITS = 4
+"""Coordinates with fewer were not rounded but made up: a lattice, an example."""
 COARSE = 0.02
 """Step of the coordinates over the mean overlap beyond which it can spoil the balance of forces."""
 
@@ -184,7 +186,7 @@ def _check_digits(disks: RawDisks, sample: Sample, length: float) -> None:
     """Refuse a packing of which the file has not enough digits to tell its overlaps."""
     contacts = contacts_of(sample)
     farthest = float(np.abs(disks.position).max()) * length
-    if not contacts.count or not farthest > 0.0:
+    if not contacts.count or not farthest > 0.0 or disks.digits < FEWEST_DIGITS:
         return
     step = 10.0 ** (floor(log10(farthest)) + 1 - disks.digits)
     overlap = float(contacts.normal_force.mean()) / sample.normal_stiffness
