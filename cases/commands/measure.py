@@ -29,6 +29,10 @@ from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 
 from .dem import COMPILATION_SECONDS, doubts, resting
 
+LEAST_HELD = 0.5
+"""Share of the disks that bear forces in a packing; of very loose ones a quarter does not."""
+LEAST_SOLID = 0.6
+"""Solid fraction below which disks that touch are a heap in an empty cell."""
 FEWEST = 50
 """Disks below which nothing is measured."""
 TABLE = (
@@ -133,6 +137,12 @@ def _imported(path: Path, given: dict[str, Any]) -> Imported:
         raise InputError(
             f"{path}: no pressure, {contacts.count} contacts among {sample.count} disks that fill "
             f"{100 * sample.solid_fraction:.3g} % of the cell; are radii taken for diameters, or is the cell too large?"
+        )
+    share = 1.0 - coordination_number(sample, contacts).rattler_fraction
+    if share < LEAST_HELD or sample.solid_fraction < LEAST_SOLID:
+        raise InputError(
+            f"{path}: no packing under pressure: the disks fill {100 * sample.solid_fraction:.3g} % of the cell, and "
+            f"{100 * share:.3g} % of them bear forces; is the cell too large, or another unit meant?"
         )
     if q > ISOTROPIC * p:
         missing = "" if imported.forces_given else " (tangential forces were not given; with them it may be less)"

@@ -143,25 +143,34 @@ def _cut_lognormal(level: NDArray[np.float64], ratio: float, deviation: float | 
     return np.exp([spread.inv_cdf(low + (high - low) * float(at)) for at in level])
 
 
-def random_diameters(count: int, options: PackingOptions, random: np.random.Generator) -> NDArray[np.float64]:
-    """Diameters with mean 1 from the chosen distribution (inverse of its cumulative function, stratified)."""
+def _diameters(count: int, options: PackingOptions) -> NDArray[np.float64]:
+    """Ascending diameters of a sample, those of a given grading in its own unit."""
     ratio = options.diameter_ratio
     level = (np.arange(count) + 0.5) / count  # stratified: every sample has the same grading
     if options.distribution == "uniform":
-        diameter = 1.0 + (ratio - 1.0) * level
-    elif options.distribution == "uniform_area":
+        return 1.0 + (ratio - 1.0) * level
+    if options.distribution == "uniform_area":
         # number density ~ 1/D^2
-        diameter = 1.0 / (1.0 - level * (1.0 - 1.0 / ratio))
-    elif options.distribution == "bidisperse":
-        diameter = np.where(level < 0.5, 1.0, ratio)
-    elif options.distribution == "lognormal":
-        diameter = _cut_lognormal(level, ratio, options.size_deviation)
-    elif options.distribution == "given":
+        return 1.0 / (1.0 - level * (1.0 - 1.0 / ratio))
+    if options.distribution == "bidisperse":
+        return np.where(level < 0.5, 1.0, ratio)
+    if options.distribution == "lognormal":
+        return _cut_lognormal(level, ratio, options.size_deviation)
+    if options.distribution == "given":
         points = np.array(options.grading)
-        diameter = np.interp(level, points[:, 1], points[:, 0])
-    else:
-        diameter = np.ones(count)
+        return np.interp(level, points[:, 1], points[:, 0])
+    return np.ones(count)
+
+
+def random_diameters(count: int, options: PackingOptions, random: np.random.Generator) -> NDArray[np.float64]:
+    """Diameters with mean 1 from the chosen distribution (inverse of its cumulative function, stratified)."""
+    diameter = _diameters(count, options)
     return random.permutation(diameter / diameter.mean())
+
+
+def mean_diameter_of(count: int, options: PackingOptions) -> float:
+    """Mean diameter by number [m]: the option, or that of the given grading as a sample of `count` disks has it."""
+    return options.mean_diameter if options.grading is None else float(_diameters(count, options).mean())
 
 
 def make_packing(
@@ -224,7 +233,7 @@ def make_packing(
             f"the packing of {count} disks, seed {seed}, is not at rest: unbalanced force {relaxed.unbalanced:.2g}"
         )
     report("packed", 1.0)
-    scale = mean_diameter_of(options)
+    scale = mean_diameter_of(count, options)
     position, radius = in_spatial_order(position, radius, cell)
     pairs = find_near_pairs(scale * position, scale * radius, scale * cell, 0.03 * scale)
     zero = np.zeros((int(count), 2))
@@ -232,14 +241,6 @@ def make_packing(
         scale * position, scale * radius, scale * cell, options.normal_stiffness, options.stiffness_ratio,
         options.friction, zero, np.zeros(int(count)), pairs, seed=int(seed),
     )  # fmt: skip
-
-
-def mean_diameter_of(options: PackingOptions) -> float:
-    """Mean diameter by number [m]: that of the given grading, or the option."""
-    if options.grading is None:
-        return options.mean_diameter
-    points = np.array(options.grading)
-    return float(np.sum(0.5 * (points[1:, 0] + points[:-1, 0]) * np.diff(points[:, 1])))
 
 
 def in_spatial_order(
