@@ -1,4 +1,4 @@
-"""`granfabric measure`: from a packing of another code to a material file that scenes read; preparation in DEM scenes."""
+"""`granfabric measure`: from a packing of another code to a material file; preparation in DEM scenes."""
 
 from __future__ import annotations
 
@@ -77,7 +77,8 @@ def test_the_material_of_a_data_file_is_that_of_the_packing(
     quick = ("--set", "output.pictures=false")
     given = ("--set", f"material_file={out / 'material.toml'}")
     assert granfabric("point", "p_constant", *given, *quick, "-o", tmp_path / "point").code == 0
-    coarse = ("--set", "mesh.element=P1", "--set", "stage.1.increments=1", "--set", "mesh.rectangle={width=1.0,height=2.0,nx=3,ny=6}")
+    mesh = "mesh.rectangle={width=1.0,height=2.0,nx=3,ny=6}"
+    coarse = ("--set", "mesh.element=P1", "--set", "stage.1.increments=1", "--set", mesh)
     result = granfabric("run", "biaxial_smooth", *given, *quick, *coarse, "-o", tmp_path / "field")
     assert result.code == 0, result.err
     assert record(tmp_path / "field")["scene"]["material"]["coordination"] == measured["coordination"]
@@ -172,9 +173,8 @@ def test_results_of_another_packing_stay(granfabric: Callable, folder: Path, tmp
     result = granfabric("measure", folder / "packing.csv", "-o", out)
     assert result.code == 2 and "holds files that are not a result" in result.err
     (out / "notes.txt").unlink()
-    files.write_json(
-        out / "run.json", {"program": "granfabric", "kind": "measure", "name": "packing", "scene_file": str(folder / "packing.csv")}
-    )
+    earlier = {"kind": "measure", "name": "packing", "scene_file": str(folder / "packing.csv")}
+    files.write_json(out / "run.json", {"program": "granfabric", **earlier})
     result = granfabric("measure", shutil_copy, "-o", out)
     assert result.code == 2 and "another scene" in result.err and "--overwrite" in result.err
 

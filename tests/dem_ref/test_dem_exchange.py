@@ -1,4 +1,4 @@
-"""Packings from and to files of other codes: round trips to the last bit, files that LAMMPS wrote, every kind of damage."""
+"""Packings from and to files of other codes: round trips to the last bit, files that LAMMPS wrote, kinds of damage."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ LAMMPS = Path(__file__).with_name("packings")
 LAMMPS_STRESS = (-1.06455074063, -1.0518366013, 0.285483858527)
 """Minus Pxx, Pyy, Pxy of the last line that LAMMPS printed; its shear stress is not made symmetric (6e-7 of it)."""
 LAW = {"normal_stiffness": 1e4, "stiffness_ratio": 0.5, "friction": 0.4}
-COLUMNS = "- id1 id2 - - fn - - - ft1_x ft1_y - -".split()
+COLUMNS = ["-", "id1", "id2", "-", "-", "fn", "-", "-", "-", "ft1_x", "ft1_y", "-", "-"]
 
 
 def lattice(
     columns: int, rows: int, shear: float, turn: float, noise: float, seed: int, law: dict[str, float]
 ) -> Sample:
-    """Disks of several sizes near the points of a lattice of any orientation, some touching, springs within friction."""
+    """Disks of several sizes near the points of a lattice, some touching, springs within friction."""
     random = np.random.default_rng(seed)
     cell = np.array([[columns, 0.0], [shear * rows, rows]])
     c, s = np.cos(turn), np.sin(turn)
@@ -171,7 +171,10 @@ def test_yades_text_formats(folder: Path, disks: Sample) -> None:
     width, height = disks.cell[0, 0], disks.cell[1, 1]
     texts = {
         "ext.txt": ("#format x_y_z_r", lambda i, x, y, r: f"{x!r}\t{y!r}\t0.0\t{r!r}", {"cell": (width, height)}),
-        "mat.txt": ("#format x_y_z_r_matId\n# a comment", lambda i, x, y, r: f"{x!r} {y!r} 2.5 {r!r} 0", {"cell": (width, height)}),
+        "mat.txt": (
+            "#format x_y_z_r_matId\n# a comment", lambda i, x, y, r: f"{x!r} {y!r} 2.5 {r!r} 0",
+            {"cell": (width, height)},
+        ),
         "pack.spheres": (f"##PERIODIC:: {width} {height} 1.0", lambda i, x, y, r: f"{x!r} {y!r} 0.5 {r!r}", {}),
         "xz.txt": (f"##PERIODIC:: {width} 9.0 {height}", lambda i, x, y, r: f"{x!r} 0.5 {y!r} {r!r}", {}),
     }  # fmt: skip
@@ -219,47 +222,62 @@ def without(text: str, line: int) -> str:
 
 DAMAGED: list[tuple[str, str, Callable[[str], str], list[str]]] = [
     ("a number", "packing.csv", lambda t: changed(t, 10, "3,1.x,2.0,0.5"), ["line 10: x = '1.x'", "finite number"]),
-    ("decimal comma", "packing.csv", lambda t: changed(t.replace(",", ";"), 10, "3;1,5;2.0;0.5"), ["line 10: x = '1,5'", "decimals need a point"]),
+    ("decimal comma", "packing.csv", lambda t: changed(t.replace(",", ";"), 10, "3;1,5;2.0;0.5"),
+     ["line 10: x = '1,5'", "decimals need a point"]),
     ("not finite", "packing.csv", lambda t: changed(t, 10, "3,nan,2.0,0.5"), ["line 10: x = 'nan'", "finite"]),
-    ("radius", "packing.csv", lambda t: changed(t, 9, "2,1.3,0.3,-0.5"), ["line 9: radius = -0.5", "legal are values > 0"]),
+    ("radius", "packing.csv", lambda t: changed(t, 9, "2,1.3,0.3,-0.5"),
+     ["line 9: radius = -0.5", "legal are values > 0"]),
     ("short row", "packing.csv", lambda t: changed(t, 9, "2,1.3,0.3"), ["line 9: 3 entries where 4", "id, x, y, r"]),
     ("id twice", "packing.csv", lambda t: t.replace("\n3,", "\n2,"), ["line 10: id = 2", "line 9 already"]),
     ("no header", "packing.csv", lambda t: without(t, 7), ["no names of columns", "x,y,r"]),
-    ("no size", "packing.csv", lambda t: t.replace("id,x,y,r", "id,x,y,s"), ["line 7", "neither a radius nor a diameter"]),
+    ("no size", "packing.csv", lambda t: t.replace("id,x,y,r", "id,x,y,s"),
+     ["line 7", "neither a radius nor a diameter"]),
     ("no y", "packing.csv", lambda t: t.replace("id,x,y,r", "id,x,q,r"), ["no column y", "wanted are x, y and r"]),
     ("column twice", "packing.csv", lambda t: t.replace("id,x,y,r", "id,x,x,r"), ["column 'x' stands there 2 times"]),
     ("no cell", "packing.csv", lambda t: without(t, 2), ["periodic cell is not told", "# cell = WIDTH HEIGHT"]),
-    ("cell of three", "packing.csv", lambda t: changed(t, 2, "# cell = 5 0 4"), ["line 2", "cell has 3 numbers", "2 (width, height) or 4"]),
-    ("cell turned", "packing.csv", lambda t: changed(t, 2, "# cell = 0 4 5 0"), ["area -20", "to the left of the first"]),
-    ("key", "packing.csv", lambda t: changed(t, 3, "# normal_stiffness = stiff"), ["line 3: normal_stiffness = 'stiff'"]),
-    ("key's bound", "packing.csv", lambda t: changed(t, 4, "# stiffness_ratio = 2.0"), ["stiffness_ratio is 2.0", "0 < kt/kn <= 1"]),
+    ("cell of three", "packing.csv", lambda t: changed(t, 2, "# cell = 5 0 4"),
+     ["line 2", "cell has 3 numbers", "2 (width, height) or 4"]),
+    ("cell turned", "packing.csv", lambda t: changed(t, 2, "# cell = 0 4 5 0"),
+     ["area -20", "to the left of the first"]),
+    ("key", "packing.csv", lambda t: changed(t, 3, "# normal_stiffness = stiff"),
+     ["line 3: normal_stiffness = 'stiff'"]),
+    ("key's bound", "packing.csv", lambda t: changed(t, 4, "# stiffness_ratio = 2.0"),
+     ["stiffness_ratio is 2.0", "0 < kt/kn <= 1"]),
     ("key twice", "packing.csv", lambda t: changed(t, 4, "# cell = 5 4"), ["line 4: the key 'cell' stands in line 2"]),
     ("missing", "packing.csv", lambda t: without(without(t, 5), 4), ["stiffness_ratio and friction", "# KEY = VALUE"]),
-    ("far away", "packing.csv", lambda t: changed(t, 10, "3,2300.0,0.3,0.5"), ["line 10: the disk at x = 2300", "same unit"]),
-    ("on one another", "packing.csv", lambda t: changed(t, 9, "2,0.3,0.3,0.5"), ["disks 1 (line 8) and 2 (line 9) overlap by"]),
+    ("far away", "packing.csv", lambda t: changed(t, 10, "3,2300.0,0.3,0.5"),
+     ["line 10: the disk at x = 2300", "same unit"]),
+    ("on one another", "packing.csv", lambda t: changed(t, 9, "2,0.3,0.3,0.5"),
+     ["disks 1 (line 8) and 2 (line 9) overlap by"]),
     ("in space", "packing.csv", lambda t: t.replace("id,x,y,r", "z,x,y,r"), ["a packing in space", "disks in a plane"]),
     ("nothing", "packing.csv", lambda t: "", ["no names of columns"]),
     ("only a head", "packing.csv", lambda t: "# cell = 5 4\nx,y,r\n", ["no disks"]),
     ("dump: no frame", "packing.dump", lambda t: "ITEM: UNITS\nsi\n", ["ITEM: TIMESTEP", "dump of LAMMPS"]),
     ("dump: cut off", "packing.dump", lambda t: t[: len(t) // 2].rpartition("\n")[0], ["20 are announced", "whole"]),
-    ("dump: walls", "packing.dump", lambda t: t.replace("pp pp pp", "pp ff pp"), ["boundary along y is 'ff'", "periodic"]),
-    ("dump: no atoms", "packing.dump", lambda t: t.replace("ITEM: ATOMS", "ITEM: ENTRIES"), ["no ITEM: ATOMS", "dump custom"]),
+    ("dump: walls", "packing.dump", lambda t: t.replace("pp pp pp", "pp ff pp"),
+     ["boundary along y is 'ff'", "periodic"]),
+    ("dump: no atoms", "packing.dump", lambda t: t.replace("ITEM: ATOMS", "ITEM: ENTRIES"),
+     ["no ITEM: ATOMS", "dump custom"]),
     ("dump: box", "packing.dump", lambda t: t.replace("0.0 5.0", "5.0 0.0"), ["a box of -5 by 4"]),
     ("data: cut off", "packing.data", lambda t: t[: len(t) * 2 // 3].rpartition("\n")[0], ["20 atoms are announced"]),
     ("data: style", "packing.data", lambda t: t.replace("# sphere", "# atomic"), ["atom style 'atomic'", "sphere"]),
     ("data: width", "packing.data", lambda t: t.replace(" 0.0\n", "\n"), ["rows of 6 entries"]),
     ("data: no box", "packing.data", lambda t: t.replace("xlo xhi", "xlow xhigh"), ["no line 'xlo xhi'"]),
     ("data: no atoms", "packing.data", lambda t: t.replace("Atoms", "Bonds"), ["no section Atoms"]),
-    ("data: out of plane", "packing.data", lambda t: t.replace("Atoms", "0.0 0.3 0.0 xy xz yz\n\nAtoms"), ["xz = 0.3", "both have to be 0"]),
+    ("data: out of plane", "packing.data", lambda t: t.replace("Atoms", "0.0 0.3 0.0 xy xz yz\n\nAtoms"),
+     ["xz = 0.3", "both have to be 0"]),
     ("contacts: force", "contacts.csv", lambda t: changed(t, 4, "1,2,a,0,0"), ["line 4: fn = 'a'"]),
-    ("contacts: no disk", "contacts.csv", lambda t: changed(t, 4, "1,200,1.0,0,0"), ["line 4: there is no disk with id = 200"]),
+    ("contacts: no disk", "contacts.csv", lambda t: changed(t, 4, "1,200,1.0,0,0"),
+     ["line 4: there is no disk with id = 200"]),
     ("contacts: itself", "contacts.csv", lambda t: changed(t, 4, "1,1,1.0,0,0"), ["line 4: id1 = id2 = 1"]),
     ("contacts: twice", "contacts.csv", lambda t: t + t.split("\n")[4] + "\n", ["stands in line 5 already"]),
     ("contacts: missing", "contacts.csv", lambda t: without(t, 4), ["contacts that the disks have are not in it"]),
     ("contacts: apart", "contacts.csv", lambda t: t + "1,9,300.0,0,0\n", ["which do not touch", "same state"]),
-    ("contacts: stiffness", "contacts.csv", lambda t: twice(t, 2, 2.0), ["kn = 20000 Pa would fit best", "kn x overlap"]),
+    ("contacts: stiffness", "contacts.csv", lambda t: twice(t, 2, 2.0),
+     ["kn = 20000 Pa would fit best", "kn x overlap"]),
     ("contacts: friction", "contacts.csv", lambda t: twice(t, 4, 20.0), ["above friction = 0.4", "times the normal"]),
-    ("contacts: names", "contacts.csv", lambda t: t.replace("id1,id2", "a,b"), ["no column id1 and id2", "contact_columns"]),
+    ("contacts: names", "contacts.csv", lambda t: t.replace("id1,id2", "a,b"),
+     ["no column id1 and id2", "contact_columns"]),
 ]  # fmt: skip
 
 
@@ -283,7 +301,7 @@ def test_damage_is_told_with_file_line_and_value(
     broken = folder / file
     broken.write_text(damage(broken.read_text()))
     law = LAW if file == "packing.dump" else {}
-    with pytest.raises((SampleError)) as caught:
+    with pytest.raises(SampleError) as caught:
         load_packing(path, contacts=contacts if file == "contacts.csv" else None, **law)
     said = str(caught.value)
     assert said.startswith(str(broken)) and "\n" not in said
@@ -306,7 +324,7 @@ def test_six_digits_are_refused_where_they_lose_the_forces(folder: Path, packing
 
 def test_forces_on_the_other_disk_are_noticed() -> None:
     turned = [name.replace("ft1", "ft") for name in COLUMNS]
-    with pytest.raises(SampleError, match="opposite sign .* ft1_x, ft1_y those on id1"):
+    with pytest.raises(SampleError, match=r"opposite sign .* ft1_x, ft1_y those on id1"):
         load_packing(
             LAMMPS / "sheared.dump", contacts=LAMMPS / "sheared.local", contact_columns=turned, stiffness_ratio=0.5,
             friction=0.4,
@@ -366,7 +384,9 @@ def test_arguments_are_checked(folder: Path, disks: Sample) -> None:
 
 @settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), name=st.sampled_from(["packing.csv", "packing.data", "packing.dump", "contacts.csv"]))
-def test_any_damage_gives_one_sentence_or_a_packing(folder: Path, disks: Sample, data: st.DataObject, name: str) -> None:
+def test_any_damage_gives_one_sentence_or_a_packing(
+    folder: Path, disks: Sample, data: st.DataObject, name: str
+) -> None:
     """Lines and characters dropped, doubled or replaced: never another error, never numbers that are not finite."""
     disk_file = folder / ("packing.csv" if name == "contacts.csv" else name)
     contacts = folder / "contacts.csv"

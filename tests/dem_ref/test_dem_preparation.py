@@ -142,7 +142,8 @@ def test_friction_during_compaction_loosens() -> None:
 
 def test_no_friction_is_the_recipe_without_friction() -> None:
     for options in (PackingOptions(), PackingOptions(preparation_friction=0.0)):
-        np.testing.assert_array_equal(make_packing(100, 4, options).position, make_frictionless_packing(100, 4).position)
+        made, plain = make_packing(100, 4, options), make_frictionless_packing(100, 4)
+        np.testing.assert_array_equal(made.position, plain.position)
 
 
 def test_a_wanted_coordination_is_found_and_told() -> None:
