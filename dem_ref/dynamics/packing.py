@@ -15,7 +15,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from granfabric.dem_ref.arrays import is_whole, number, whole
+from granfabric.dem_ref.arrays import is_whole, number, numbers, whole
 from granfabric.dem_ref.sample.disks import Sample, SampleError
 from granfabric.dem_ref.sample.neighbours import find_near_pairs, spatial_order
 
@@ -107,7 +107,7 @@ class PackingOptions:
                 f"preparation_friction is {self.preparation_friction:g}, above the friction of {self.friction:g} "
                 "afterwards: a packing falls together when its friction falls"
             )
-        if self.counted not in (None, "included", "excluded"):
+        if self.counted is not None and str(self.counted) not in ("included", "excluded"):
             raise SampleError(f"counted is {self.counted!r}, legal are 'included' and 'excluded'")
         if (self.distribution == "given") != (self.grading is not None):
             raise SampleError("distribution = 'given' and a grading go together")
@@ -123,7 +123,7 @@ PREPARATION = ("preparation_friction", "coordination", "solid_fraction")
 def _check_grading(grading: tuple[tuple[float, float], ...] | None) -> None:
     if grading is None:
         return
-    points = np.array(grading, dtype=np.float64)
+    points = numbers("grading", grading)
     shaped = points.ndim == 2 and points.shape[1] == 2 and len(points) >= 2 and bool(np.isfinite(points).all())
     if not shaped or (np.diff(points, axis=0) < 0.0).any() or points[0, 0] <= 0.0:
         raise SampleError("grading must be pairs of diameter > 0 and passing fraction, both ascending")

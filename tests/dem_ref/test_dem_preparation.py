@@ -84,7 +84,7 @@ def test_any_grading_is_found_again_in_the_disks(
     if passing[-1] < 1e-3:
         return
     whole = 100.0 if percent else 1.0
-    levels = [whole * value / passing[-1] for value in passing[:-1]] + [whole]
+    levels = [min(whole, whole * value / passing[-1]) for value in passing[:-1]] + [whole]
     rows = "\n".join(f"{a!r},{b!r}" for a, b in zip(size, levels))
     curve = read_grading(written(tmp_path_factory.mktemp("grading"), f"size,{power}\n{rows}\n"))
     options = PackingOptions(distribution="given", grading=curve)
