@@ -8,8 +8,8 @@ What a first day needs; everything else is in the packages below it.
 - scenes: `scene_names`, `load_scene`, `run_scene`, `read_material`
 - results: `read_results`
 - measured curves: `fit`, `compare_with_data`
-- disks: `make_packing`, `PackingOptions`, `Segment`, `DemRun`, `RunOptions`, `load_sample`, `save_sample`,
-  `measure_packing`
+- disks: `make_packing`, `PackingOptions`, `read_grading`, `Segment`, `DemRun`, `RunOptions`, `load_packing`,
+  `save_packing`, `load_sample`, `save_sample`, `measure_packing`
 
 Stress and strain are tension positive, in the order xx, yy, xy with the engineering shear strain; SI units.
 """

@@ -15,10 +15,13 @@ from .constitutive.plain_laws.von_mises import VonMisesLaw as VonMisesLaw
 from .constitutive.plain_laws.von_mises import VonMisesMaterial as VonMisesMaterial
 from .dem_ref.dynamics.packing import PackingError as PackingError
 from .dem_ref.dynamics.packing import PackingOptions as PackingOptions
-from .dem_ref.dynamics.packing import make_packing as make_packing
+from .dem_ref.exchange.files import load_packing as load_packing
+from .dem_ref.exchange.files import save_packing as save_packing
 from .dem_ref.loading.path import Segment as Segment
 from .dem_ref.loading.run import DemRun as DemRun
 from .dem_ref.loading.run import RunOptions as RunOptions
+from .dem_ref.preparation.compaction import make_packing as make_packing
+from .dem_ref.preparation.grading import read_grading as read_grading
 from .dem_ref.sample.disks import Sample as Sample
 from .dem_ref.sample.disks import SampleError as SampleError
 from .dem_ref.sample.disks import load_sample as load_sample

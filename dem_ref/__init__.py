@@ -8,6 +8,8 @@ Reading order:
   samples);
 - `measure`, `events`, `distribution`, `tessellation`, `probes`, `weak_contacts`, `material`, `sliding` (what is
   measured, from definitions), `uncertainty` (how far that may be off);
+- `compaction`, `grading` (packings made with friction, sizes as given), `exchange` (packings from and to LAMMPS, YADE
+  and tables);
 - `fields` (arrays for pictures).
 
 Nothing here is shared with the law that it verifies. Stresses and strains are tension positive, order xx, yy, xy;

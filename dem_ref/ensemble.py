@@ -13,9 +13,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from granfabric.dem_ref.dynamics.packing import PackingOptions, make_packing
+from granfabric.dem_ref.dynamics.packing import PackingOptions
 from granfabric.dem_ref.inputs.probes import is_at_rest
 from granfabric.dem_ref.loading.run import at_stress_ratios
+from granfabric.dem_ref.preparation.compaction import make_packing
 from granfabric.dem_ref.sample.disks import Sample, SampleError, load_sample, save_sample
 
 from .arrays import whole
@@ -38,7 +39,8 @@ def stored_packing(
     """
     options = options or PackingOptions()
     options.check()
-    mark = hashlib.sha256(json.dumps(asdict(options), sort_keys=True).encode()).hexdigest()[:10]
+    given = {name: value for name, value in asdict(options).items() if value is not None}
+    mark = hashlib.sha256(json.dumps(given, sort_keys=True).encode()).hexdigest()[:10]
     path = Path(folder) / f"packing_{count}_{seed}_{mark}.npz"
     if path.exists():
         try:

@@ -45,7 +45,8 @@ FLOORS: dict[str, tuple[str, ...]] = {
         "warm_up",
     ),
     "dem_ref": (
-        *("arrays", "compilation", "sample", "threads", "dynamics", "measures", "loading", "inputs", "ensemble"),
+        *("arrays", "compilation", "sample", "threads", "dynamics", "measures", "loading", "inputs", "exchange"),
+        *("preparation", "ensemble"),
     ),
     "cases": (
         *("errors", "terminal", "scene", "records", "field", "pictures", "effects", "fit", "verify", "cost"),

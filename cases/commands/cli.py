@@ -424,6 +424,9 @@ def plot(
         typer.echo(str(file))
 
 
+from . import cli_measure as cli_measure  # noqa: E402  (takes what stands above, and adds its command)
+
+
 def main() -> None:
     """Entry point of the console script."""
     try:

@@ -20,13 +20,15 @@ from granfabric.cases.terminal.compile_watch import CompileWatch, watching
 from granfabric.cases.terminal.interruption import InterruptRequest, interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.dem_ref.dynamics.motion import UnstableMotionError
-from granfabric.dem_ref.dynamics.packing import PackingError, make_packing
+from granfabric.dem_ref.dynamics.packing import PackingError, PackingOptions
 from granfabric.dem_ref.inputs.probes import ProbeError, at_rest
 from granfabric.dem_ref.inputs.sliding import measure_sliding_with_errors
 from granfabric.dem_ref.inputs.weak_contacts import LOOP_STRESS_RATIO
 from granfabric.dem_ref.loading.legs import axial_stress_ratio
 from granfabric.dem_ref.loading.run import DemRun, RunOptions
 from granfabric.dem_ref.measures.contacts import contacts_of, coordination_number, unbalanced_force
+from granfabric.dem_ref.preparation.compaction import Prepared, prepare_packing
+from granfabric.dem_ref.preparation.grading import grading_of, largest_departure
 from granfabric.dem_ref.sample.disks import Sample, SampleError, load_sample, save_sample
 from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 
@@ -87,6 +89,10 @@ def run_dem(
         options = run_options(scene)
     except PathError as error:
         raise loaded.error(["path"], str(error)) from error
+    try:
+        packed = packing_options(scene, loaded.file.parent)
+    except PathError as error:
+        raise loaded.error(["packing", "grading_file"], str(error)) from error
     owner = loaded.owner
     record = Record(folder, loaded.name, resolved(loaded, None), scene_file=owner.place)
     with (
@@ -106,7 +112,7 @@ def run_dem(
         record.write()
         screen.keep_log(folder / files.LOG, versions())
         try:
-            sample = _resting(kept[0] or _packing(scene, record, screen, stop, watch), record, screen)
+            sample = resting(kept[0] or _packing(scene, packed, record, screen, stop, watch), record, screen)
             _measure(scene, sample, record, screen, watch)
             run = kept[1] or DemRun(sample, options)
             _load(loaded, run, sample, record, screen, stop, watch)
@@ -152,7 +158,7 @@ def _take_over(folder: Path, record: Record) -> None:
     for phase in PHASES:
         if phase in earlier.get("timing", {}):
             record.timing[phase] = earlier["timing"][phase]
-    for entry in ("material", "measured", "sliding", "million_particle_steps_a_second"):
+    for entry in ("preparation", "material", "measured", "sliding", "million_particle_steps_a_second"):
         if entry in earlier:
             record.details[entry] = earlier[entry]
 
@@ -167,7 +173,9 @@ def _kept(folder: Path, options: RunOptions) -> tuple[Sample | None, DemRun | No
         raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
 
 
-def _packing(scene: Any, record: Record, screen: Screen, stop: InterruptRequest, watch: CompileWatch) -> Sample:
+def _packing(
+    scene: Any, options: PackingOptions, record: Record, screen: Screen, stop: InterruptRequest, watch: CompileWatch
+) -> Sample:
     """The packing, made and stored."""
     with screen.progress("packing", 1.0) as advance, record.phase("packing", watch):
 
@@ -176,13 +184,31 @@ def _packing(scene: Any, record: Record, screen: Screen, stop: InterruptRequest,
             if stop.requested:
                 raise _Stopped
 
-        packing = scene.packing
-        sample = make_packing(packing.particles, packing.seed, packing_options(scene), report)
-    save_sample(record.folder / files.PACKING, sample)
-    return sample
+        made = prepare_packing(scene.packing.particles, scene.packing.seed, options, report)
+    save_sample(record.folder / files.PACKING, made.sample)
+    _tell_preparation(made, options, record, screen)
+    return made.sample
 
 
-def _resting(sample: Sample, record: Record, screen: Screen) -> Sample:
+def _tell_preparation(made: Prepared, options: PackingOptions, record: Record, screen: Screen) -> None:
+    """Say and record how the packing was compacted and graded, as measured on it."""
+    grading = grading_of(made.sample.radius)
+    record.details["preparation"] = {"friction": made.friction, "trials": made.trials, "diameters": grading}
+    if options.grading is not None:
+        record.details["preparation"]["grading_departure"] = largest_departure(made.sample.radius, options.grading)
+    if made.friction > 0.0:
+        searched = f", found in {len(made.trials)} compactions" if made.trials else ""
+        screen.say(
+            f"compacted with friction {made.friction:.4g}{searched}; solid fraction {made.sample.solid_fraction:.4f}"
+        )
+    if options.distribution in ("lognormal", "given"):
+        screen.say(
+            f"diameters {grading['smallest']:.4g} to {grading['largest']:.4g} m, mean {grading['mean']:.4g} m; "
+            f"{grading['d10']:.4g}, {grading['d50']:.4g} and {grading['d90']:.4g} m pass 10, 50 and 90 % of the area"
+        )
+
+
+def resting(sample: Sample, record: Record, screen: Screen) -> Sample:
     """The packing at rest: itself, or a copy held at its stress until it is."""
     resting = at_rest(sample)
     if resting is not sample:
@@ -352,7 +378,7 @@ def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
         for line in record.details["not_reached"]:
             screen.say(line, insist=True)
     measured = from_data(record.details.get("measured"))
-    doubtful = _doubts(measured)
+    doubtful = doubts(measured)
     for line in doubtful:
         screen.say(f"{files.MATERIAL}: {line}", insist=True)
     if record.outcome != "finished":
@@ -367,7 +393,7 @@ def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
     screen.say(f"{phases}; results in {record.folder}{warned}")
 
 
-def _doubts(measured: Inputs) -> list[str]:
+def doubts(measured: Inputs) -> list[str]:
     """One line for each measured value that is in doubt, or that the law will refuse."""
     said = warnings(measured)
     complaint = "" if refused(measured) or not measured.values else refusal(measured.values)

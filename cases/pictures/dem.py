@@ -52,6 +52,12 @@ def draw_dem(folder: Path, columns: Columns, scene: dict[str, Any]) -> list[Path
     return made
 
 
+def draw_packing(folder: Path, scene: dict[str, Any]) -> list[Path]:
+    """Draw `packing.png` and `distributions.png` of a packing that is not loaded."""
+    packing = load_sample(folder / files.PACKING)
+    return [_distributions(folder, packing, scene), _networks(folder, packing, None, {}, scene)]
+
+
 def finished_run(folder: Path, options: RunOptions) -> DemRun | None:
     """The run whose checkpoint lies in a folder, as far as it went; None without one that can be read."""
     try:

@@ -40,6 +40,13 @@ def draw_folder(folder: Path) -> list[Path]:
         )
     if record["kind"] in DATA_TABLES:
         return _draw_data(folder, record)
+    if record["kind"] == "measure":
+        from .dem import draw_packing
+
+        try:
+            return draw_packing(folder, record["scene"])
+        except SampleError as error:
+            raise InputError(str(error)) from error
     if record["kind"] not in MODELS or record["scene"].get("kind") != record["kind"]:
         raise InputError(f"{str(folder)!r} holds a result of the kind {record['kind']!r}, which has no pictures")
     check(record["scene"], folder / files.RECORD)

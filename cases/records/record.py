@@ -38,12 +38,13 @@ def versions() -> dict[str, str]:
 
 
 def resolved(loaded: LoadedScene, effects: Effects | None) -> dict[str, Any]:
-    """The scene with all defaults filled in, effects decided and the mesh file as an absolute path."""
+    """The scene with all defaults filled in, effects decided and files by their absolute paths."""
     table = loaded.scene.model_dump(exclude_none=True, exclude_defaults=False)
     if effects is not None:
         table["effects"] = {**table["effects"], **asdict(effects)}
-    if table.get("mesh", {}).get("file"):
-        table["mesh"]["file"] = str((loaded.file.parent / table["mesh"]["file"]).resolve())
+    for section, key in (("mesh", "file"), ("packing", "grading_file")):
+        if table.get(section, {}).get(key):
+            table[section][key] = str((loaded.file.parent / table[section][key]).resolve())
     return {"title": table.pop("title"), "kind": table.pop("kind"), **table}
 
 

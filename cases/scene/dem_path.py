@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from math import atan2, ceil, cos, degrees, hypot, radians, sin
+from pathlib import Path
 from typing import Any
 
 from granfabric.dem_ref.dynamics.packing import PackingOptions
 from granfabric.dem_ref.loading.path import Segment
 from granfabric.dem_ref.loading.run import RunOptions
 from granfabric.dem_ref.loading.servo import RateLimits
+from granfabric.dem_ref.preparation.grading import read_grading
+from granfabric.dem_ref.sample.disks import SampleError
 
 from .schema_dem import DemLeg
 
@@ -178,6 +181,26 @@ def run_options(scene: Any) -> RunOptions:
     )
 
 
-def packing_options(scene: Any) -> PackingOptions:
-    """Options of the packing of a scene, besides its number of disks and seed."""
-    return PackingOptions(**scene.packing.model_dump(exclude={"particles", "seed"}))
+def packing_options(scene: Any, folder: Path = Path()) -> PackingOptions:
+    """Options of the packing of a scene, besides its number of disks and seed; a grading is read from its file.
+
+    Parameters
+    ----------
+    scene : DemScene
+    folder : Path
+        Of the scene, to which the file of a grading is relative.
+
+    Raises
+    ------
+    PathError
+        If that file holds no grading.
+    """
+    options = scene.packing.model_dump(exclude={"particles", "seed", "grading_file"})
+    if scene.packing.coordination is not None:
+        options["counted"] = scene.measure.rattlers
+    if scene.packing.grading_file is not None:
+        try:
+            options["grading"] = read_grading(folder / Path(scene.packing.grading_file).expanduser())
+        except SampleError as error:
+            raise PathError(str(error)) from error
+    return PackingOptions(**options)

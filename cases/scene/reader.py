@@ -265,7 +265,7 @@ def _include_material(
     return origins
 
 
-PATH_KEYS = (("mesh", "file"), ("material_file",))
+PATH_KEYS = (("mesh", "file"), ("material_file",), ("packing", "grading_file"))
 """Keys that name a file."""
 
 

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from granfabric.dem_ref.dynamics.packing import PREPARATION
 from granfabric.dem_ref.inputs.weak_contacts import LOOP_STRESS_RATIO
 
 from .schema_base import Control, Positive, Scene, Section, Triple
@@ -32,7 +33,7 @@ ADMITS: dict[str, tuple[str, ...]] = {
 
 
 class Packing(Section):
-    """Disks in a periodic cell, compacted without friction, friction switched on afterwards."""
+    """Disks in a periodic cell, compacted with or without friction, friction as wanted afterwards."""
 
     particles: Annotated[int, Field(ge=50, le=1_000_000)] = Field(default=2000, description="number of disks")
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = Field(
@@ -46,13 +47,63 @@ class Packing(Section):
     friction: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(
         default=0.5, description="coefficient after packing [-]"
     )
+    preparation_friction: Annotated[float, Field(ge=0.0, le=1000.0)] | None = Field(
+        default=None,
+        description="coefficient during compaction [-], at most that after packing: the larger, the looser; none if "
+        "not given",
+    )
+    coordination: Annotated[float, Field(ge=2.5, le=5.0)] | None = Field(
+        default=None,
+        description="wanted coordination number [-], counted as measure.rattlers says: the friction during compaction "
+        "that gives it is searched, to within 0.01 or the scatter of a packing of that size",
+    )
+    solid_fraction: Annotated[float, Field(ge=0.6, le=0.95)] | None = Field(
+        default=None,
+        description="wanted area of the disks over that of the cell [-]: the friction during compaction that gives it "
+        "is searched",
+    )
     diameter_ratio: Annotated[float, Field(ge=1.0, le=5.0)] = Field(
         default=1.25, description="largest over smallest [-]"
     )
-    distribution: Literal["uniform", "uniform_area", "bidisperse", "monodisperse"] = Field(
-        default="uniform", description="of the diameters"
+    distribution: Literal["uniform", "uniform_area", "bidisperse", "monodisperse", "lognormal", "given"] = Field(
+        default="uniform",
+        description="of the diameters: uniform by number or by area, two sizes, one, lognormal by number between the "
+        "extremes of diameter_ratio, or as grading_file gives it",
     )
-    mean_diameter: Positive = Field(default=1.0, description="[m]")
+    size_deviation: Annotated[float, Field(gt=0.0, le=3.0)] | None = Field(
+        default=None,
+        description="of lognormal: standard deviation of the logarithm of the diameter [-]; a quarter of "
+        "ln(diameter_ratio) if not given",
+    )
+    grading_file: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None,
+        description="CSV file, relative to this one, with size (diameter in m) and passing_by_area, passing_by_mass or "
+        "passing_by_number, from 0 to 1 or 100 per cent",
+    )
+    mean_diameter: Positive = Field(default=1.0, description="by number [m]")
+
+    @model_validator(mode="after")
+    def _keys_fit(self) -> Packing:
+        given = [name for name in PREPARATION if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise ValueError(f"{' and '.join(given)} are given; one of them decides the friction during compaction")
+        if self.preparation_friction is not None and self.preparation_friction > self.friction:
+            raise ValueError(
+                f"preparation_friction = {self.preparation_friction:g} is above friction = {self.friction:g}: a "
+                "packing falls together when its friction falls"
+            )
+        if self.size_deviation is not None and self.distribution != "lognormal":
+            raise ValueError(f"size_deviation goes with distribution = 'lognormal', not with {self.distribution!r}")
+        if self.distribution == "given" and self.grading_file is None:
+            raise ValueError("distribution = 'given' needs grading_file")
+        if self.grading_file is not None:
+            if self.distribution != "given":
+                raise ValueError(f"grading_file goes with distribution = 'given', not with {self.distribution!r}")
+            # a scene as resolved holds defaults of these too
+            for name, default in (("mean_diameter", 1.0), ("diameter_ratio", 1.25)):
+                if getattr(self, name) != default:
+                    raise ValueError(f"{name} follows from grading_file; leave it out")
+        return self
 
 
 class DemLeg(Section):

@@ -17,17 +17,13 @@ LARGEST_CROWD = 4.0
 """Area of the disks over that of the square that holds their centres: 0.9 at the densest, twice that at its rim."""
 
 
-def implausible(
-    position: NDArray[np.float64], radius: NDArray[np.float64], cell: NDArray[np.float64], pairs: NearPairs
-) -> str:
-    """Why this is no sample in a periodic cell with all its contacts; empty if it is one.
+def misfit(position: NDArray[np.float64], radius: NDArray[np.float64], cell: NDArray[np.float64]) -> str:
+    """Why these disks do not lie side by side in this periodic cell; empty if they may.
 
     Parameters
     ----------
     position, radius, cell : ndarray
         As in `sample.Sample`; finite, radii positive, the cell's rows right-handed.
-    pairs : NearPairs
-        A sorted half list.
     """
     heights = cell_heights(cell)
     smallest, largest, long = float(radius.min()), float(radius.max()), float(np.abs(cell).max())
@@ -46,6 +42,24 @@ def implausible(
     square = float(np.linalg.det(cell)) / float(bins.prod())
     if filled.max() > LARGEST_CROWD * square:
         return "its disks lie upon one another"
+    return ""
+
+
+def implausible(
+    position: NDArray[np.float64], radius: NDArray[np.float64], cell: NDArray[np.float64], pairs: NearPairs
+) -> str:
+    """Why this is no sample in a periodic cell with all its contacts; empty if it is one.
+
+    Parameters
+    ----------
+    position, radius, cell : ndarray
+        As for `misfit`.
+    pairs : NearPairs
+        A sorted half list.
+    """
+    if reason := misfit(position, radius, cell):
+        return reason
+    smallest = float(radius.min())
     # a pair that touches by rounding alone may be missing
     touching = find_near_pairs(position, radius, cell, -1e-9 * smallest)
     key = pairs.first.astype(np.int64) * len(radius) + pairs.second

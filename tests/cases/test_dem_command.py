@@ -185,13 +185,13 @@ def test_an_interrupted_run_resumes_to_the_same_bits(
 def test_a_stop_while_packing_keeps_a_legal_folder(
     granfabric: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pack = dem.make_packing
+    pack = dem.prepare_packing
 
     def interrupted(*arguments: object) -> object:
         signal.raise_signal(signal.SIGINT)
         return pack(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(dem, "make_packing", interrupted)
+    monkeypatch.setattr(dem, "prepare_packing", interrupted)
     result = granfabric("dem", "dem_biaxial", *SET, "-o", tmp_path)
     assert result.code == 1 and "stopped while packing" in result.out
     assert {file.name for file in tmp_path.iterdir()} == {"run.json", "run.log", "scene.toml"}

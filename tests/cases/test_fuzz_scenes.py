@@ -42,7 +42,7 @@ def reached(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(point, "drive", computation)
     monkeypatch.setattr(run, "FieldRecorder", computation)
-    monkeypatch.setattr(dem, "make_packing", computation)
+    monkeypatch.setattr(dem, "prepare_packing", computation)
     monkeypatch.setattr("granfabric.cases.terminal.early_kernels.EarlyKernels.start", lambda self, kernels: None)
 
 

@@ -28,9 +28,10 @@ from granfabric.cases.verify.paths import model_columns
 from granfabric.constitutive.parameters import ParameterError
 from granfabric.dem_ref.compilation import kernel_cache_directory
 from granfabric.dem_ref.dynamics.motion import UnstableMotionError
-from granfabric.dem_ref.dynamics.packing import PackingError, PackingOptions, make_packing
+from granfabric.dem_ref.dynamics.packing import PackingError, PackingOptions
 from granfabric.dem_ref.inputs.probes import ProbeError, is_at_rest
 from granfabric.dem_ref.loading.run import DemRun
+from granfabric.dem_ref.preparation.compaction import make_packing
 from granfabric.dem_ref.sample.disks import Sample, SampleError, load_sample, save_sample
 from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 
