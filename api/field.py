@@ -102,7 +102,7 @@ def _solve(
     history = FieldHistory(problem.space, problem.law.description, boundaries, supported)
     checkpoints = CheckpointFolder(record.folder, record.name)
     recorder = FieldRecorder(record.folder, problem, history, every, lambda completed, text: None, checkpoints)
-    wished = False
+    requested = False
 
     def both(step: StepResult) -> None:
         recorder(step)
@@ -110,10 +110,10 @@ def _solve(
             on_step(step)
 
     def asked() -> bool:
-        nonlocal wished
-        wished = wished or (stop is not None and stop())
-        return wished
+        nonlocal requested
+        requested = requested or (stop is not None and stop())
+        return requested
 
     summary = solve(problem, control, on_step=both, stop=asked)
     recorder.close()
-    return summary, wished
+    return summary, requested

@@ -269,9 +269,9 @@ class Results:
         start, end = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
         if start.shape != (2,) or end.shape != (2,) or number < 2:
             raise InputError(f"a line needs two ends (x, y) and at least 2 places, not {a!r}, {b!r}, {number!r}")
-        share = np.linspace(0.0, 1.0, number)
-        places = start + share[:, None] * (end - start)
-        distance = {"distance": share * float(np.linalg.norm(end - start)), "x": places[:, 0], "y": places[:, 1]}
+        fraction = np.linspace(0.0, 1.0, number)
+        places = start + fraction[:, None] * (end - start)
+        distance = {"distance": fraction * float(np.linalg.norm(end - start)), "x": places[:, 0], "y": places[:, 1]}
         return pandas.DataFrame({**distance, **self._table(places, step)})
 
     def _table(self, places: Array, step: int) -> dict[str, Array]:

@@ -10,6 +10,6 @@ Reading order:
   measured, from definitions), `uncertainty` (how far that may be off);
 - `fields` (arrays for pictures).
 
-Nothing here is shared with the law that it judges. Stresses and strains are tension positive, order xx, yy, xy; forces
-at contacts are compression positive; second harmonics are vectors in the double-angle plane.
+Nothing here is shared with the law that it verifies. Stresses and strains are tension positive, order xx, yy, xy;
+forces at contacts are compression positive; second harmonics are vectors in the double-angle plane.
 """

@@ -2,7 +2,7 @@
 
 A compiled kernel believes what it is told: a particle that does not exist is read from whatever lies behind the array,
 and a new kind of array (read-only, strided, of other numbers) sends it to the compiler again. (`constitutive/arrays.py`
-does the like for the law: the judge shares no code with the judged.)
+does the like for the law: the reference DEM shares no code with the law that it verifies.)
 """
 
 from __future__ import annotations

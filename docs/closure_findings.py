@@ -4,8 +4,8 @@
 
 Left: slip k and irreversible scatter c_i from loops of different size, over the square of the stress ratio. Middle: a_t
 on loading at constant p against ``c_t s - k s^2`` with c_t from elastic probes and k from a loop to q/p = 0.05. Right:
-shift and spread of the forces of contacts that began with 0.3 to 0.5 of the mean force, and the closure's for weak
-contacts.
+shift and standard deviation of the forces of contacts that began with 0.3 to 0.5 of the mean force, and the closure's
+for weak contacts.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ CLASS_RATIO = 1.15
 """Contacts of that class feel more of the mean change than those at zero force: about this ratio in elastic probes."""
 
 
-def shift_and_spread(start, now, scale):
+def shift_and_deviation(start, now, scale):
     """X_1 along y and the standard deviation about it, of the contacts of `CLASS`; lost ones have no force."""
     match = match_contacts(start, now)
     force = np.zeros(start.count)
@@ -57,7 +57,7 @@ def follow(packing):
     def record(state):
         row = dict(zip(("q", "p"), (state.history()["q"][-1], state.history()["p"][-1])))
         a_t = state.history()["tangential_force_anisotropy"][-1]
-        rows.append((row["q"] / row["p"], a_t, *shift_and_spread(start, contacts_of(state.sample), scale)))
+        rows.append((row["q"] / row["p"], a_t, *shift_and_deviation(start, contacts_of(state.sample), scale)))
 
     run.execute(on_record=record)
     return np.array(rows)
@@ -141,10 +141,12 @@ def draw(target, found, title):
         middle.set(xlabel="stress ratio $q/p$ [-]", title="Tangential-force anisotropy $a_t$ [-]")
         middle.legend()
         right.plot(levels, found.grains[1] / CLASS_RATIO, "o", color=BLACK, markersize=3.5, label="DEM, shift $X_1$")
-        right.plot(levels, found.grains[2], "s", color=ORANGE, markersize=3.5, label="DEM, spread $S$")
+        right.plot(levels, found.grains[2], "s", color=ORANGE, markersize=3.5, label="DEM, standard deviation $S$")
         right.plot(levels, found.shift, color=BLACK, linewidth=1.2, label="closure, shift")
-        right.plot(levels, found.spread, color=ORANGE, linestyle="--", linewidth=1.2, label="closure, spread")
-        right.set(xlabel="stress ratio $q/p$ [-]", title="Shift and spread of weak forces [$f$]")
+        right.plot(
+            levels, found.spread, color=ORANGE, linestyle="--", linewidth=1.2, label="closure, standard deviation"
+        )
+        right.set(xlabel="stress ratio $q/p$ [-]", title="Shift and standard deviation of weak forces [$f$]")
         right.legend()
         figure.suptitle(title, x=0.01, ha="left", fontsize=13)
 

@@ -59,7 +59,7 @@ class Accounting:
         names = [entry.name for entry in fields(self) if entry.name not in ("seconds", "clock")]
         return {name: getattr(self, name) for name in names}
 
-    def take_up(self, counters: dict[str, int], seconds: dict[str, float]) -> None:
+    def continue_from(self, counters: dict[str, int], seconds: dict[str, float]) -> None:
         """Go on counting from an earlier part of the run; time already spent in this part is added."""
         for name in self.counters():
             setattr(self, name, counters[name])

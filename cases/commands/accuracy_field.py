@@ -11,7 +11,7 @@ from typing import Any
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.records import files
 from granfabric.cases.records.field_history import FieldHistory
-from granfabric.cases.scene.effects_choice import recorded, settled
+from granfabric.cases.scene.effects_choice import recorded, with_decided
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.equilibrium.stepping import solve
 from granfabric.fem.loads.kinds import INITIAL
@@ -43,7 +43,7 @@ def means(columns: dict[str, Any], row: int) -> tuple[float, float, float]:
 
 
 def load_step_error(loaded: Any, folder: Path, stop: Callable[[], bool]) -> dict[str, float] | None:
-    """Estimate of what the load steps err by, at the end of the run; None if the other run did not get there.
+    """Estimate of the error of the load steps, at the end of the run; None if the other run did not get there.
 
     With the error in proportion to the square of the step, the difference between n and m steps is
     ``(n/m)^2 - 1`` times the error of the run in n.
@@ -66,7 +66,7 @@ def load_step_error(loaded: Any, folder: Path, stop: Callable[[], bool]) -> dict
     since = time.perf_counter()
     record = files.read_record(folder)
     assert record is not None
-    twin, ratio = _twin(settled(loaded, recorded(loaded.scene, record)))
+    twin, ratio = _twin(with_decided(loaded, recorded(loaded.scene, record)))
     prepared = prepare(twin)
     problem = prepared.problem
     history = FieldHistory(problem.space, problem.law.description, [], [])
@@ -81,10 +81,10 @@ def load_step_error(loaded: Any, folder: Path, stop: Callable[[], bool]) -> dict
     history.add(last[0])
     other = means(dict(zip(history.names, zip(*history.rows))), -1)
     own = means(files.read_csv(folder / files.HISTORY), -1)
-    share = abs(ratio**ORDER - 1.0)
+    fraction = abs(ratio**ORDER - 1.0)
     errors = {
-        "stress_ratio": abs(own[0] - other[0]) / share,
-        "coordination": abs(own[1] / other[1] - 1.0) / share,
-        "fabric_anisotropy": abs(own[2] - other[2]) / share,
+        "stress_ratio": abs(own[0] - other[0]) / fraction,
+        "coordination": abs(own[1] / other[1] - 1.0) / fraction,
+        "fabric_anisotropy": abs(own[2] - other[2]) / fraction,
     }
     return {**errors, "largest": max(errors.values()), "seconds": time.perf_counter() - since}

@@ -12,14 +12,14 @@ from granfabric.cases.records import files
 from granfabric.cases.records.replay import start_state
 from granfabric.cases.scene import build
 from granfabric.cases.scene.accuracy import Choice
-from granfabric.cases.scene.effects_choice import recorded, resolve_effects, settled
+from granfabric.cases.scene.effects_choice import recorded, resolve_effects, with_decided
 from granfabric.cases.scene.point_path import legs_of
-from granfabric.cases.terminal.interruption import stop_wish
+from granfabric.cases.terminal.interruption import interrupt_request
 
 from .accuracy_field import load_step_error
 
 FINER = 4
-"""Increments of the run that judges another, for each of its increments."""
+"""Increments of the run that assesses another, for each of its increments."""
 
 
 def expected(choice: Choice) -> float | None:
@@ -50,7 +50,7 @@ def achieved(loaded: Any, folder: Path) -> dict[str, float]:
 
     record = files.read_record(folder)
     assert record is not None
-    loaded = settled(loaded, recorded(loaded.scene, record))
+    loaded = with_decided(loaded, recorded(loaded.scene, record))
     law = build.law(loaded, resolve_effects(loaded.scene))
     tighter = replace(
         law.integration,
@@ -109,7 +109,7 @@ def report(loaded: Any, record: Any, screen: Any) -> None:
     else:
         entry["expected"] = expected(choice)
         entry["mesh"] = record.details["mesh_error"]["stress"]
-        with record.phase("accuracy"), stop_wish(lambda: screen.say("no estimate of the load steps")) as stop:
+        with record.phase("accuracy"), interrupt_request(lambda: screen.say("no estimate of the load steps")) as stop:
             entry["load_steps"] = load_step_error(loaded, record.folder, stop)
         screen.say(_field_text(choice, entry, record))
     record.details["accuracy"] = entry
@@ -126,7 +126,7 @@ def _field_text(choice: Choice, entry: dict[str, Any], record: Any) -> str:
     if entry["mesh"] > choice.wanted:
         mesh += ", more than wanted: refine it where mesh_error.vtu says"
     if entry["load_steps"] is None:
-        return f"error estimate: {law}; load steps not judged; {mesh}"
+        return f"error estimate: {law}; load steps not assessed; {mesh}"
     steps = entry["load_steps"]["largest"]
     verdict = "" if steps <= choice.wanted else f", more than the {choice.wanted:g} wanted: take more increments"
     return (

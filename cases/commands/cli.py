@@ -78,10 +78,10 @@ SetOption = Annotated[
 ]
 UpgradeOption = Annotated[
     bool,
-    typer.Option("--upgrade", help="Run again with the effects of which the audit says that they were missing."),
+    typer.Option("--upgrade", help="Run again with the effects that the audit found missing."),
 ]
 QuietOption = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but warnings and errors.")]
-VerboseOption = Annotated[bool, typer.Option("-v", "--verbose", help="Say more: steps, and what solvers note.")]
+VerboseOption = Annotated[bool, typer.Option("-v", "--verbose", help="Say more: steps and notes of the solvers.")]
 
 _said_before: dict[str, bool] = {}
 """Options that stood before the command."""
@@ -140,7 +140,7 @@ def _exit(outcome: str) -> None:
 def run(
     scene: SceneArgument,
     output: OutputOption = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the folder.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the run in the folder.")] = False,
     overwrite: OverwriteOption = False,
     assignments: SetOption = None,
     upgrade: UpgradeOption = False,
@@ -202,7 +202,7 @@ def point(
 def dem(
     scene: SceneArgument,
     output: OutputOption = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the folder.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the run in the folder.")] = False,
     overwrite: OverwriteOption = False,
     assignments: SetOption = None,
     quiet: QuietOption = False,
@@ -224,7 +224,7 @@ def verify(
         Path, typer.Option("-o", "--output", metavar="DIR", help="Result folder; DEM runs in it are used again.")
     ] = Path("results/verify"),
     particles: Annotated[int, typer.Option("--particles", metavar="N", help="Disks of a packing.")] = 2500,
-    seeds: Annotated[int, typer.Option("--seeds", metavar="K", help="Packings; their scatter is the yardstick.")] = 1,
+    seeds: Annotated[int, typer.Option("--seeds", metavar="K", help="Packings, for the scatter of the DEM.")] = 1,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
@@ -243,8 +243,8 @@ def cost(
         Path,
         typer.Option("-o", "--output", metavar="DIR", help="Result folder; studies in it that are not asked for stay."),
     ] = Path("results/cost"),
-    quick: Annotated[bool, typer.Option("--quick", help="Few and small settings, for a first look.")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Pass over studies that finished in DIR.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Few and small settings, for a first impression.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Skip studies that have finished in DIR.")] = False,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
@@ -293,10 +293,11 @@ def mesh(
             "--parts", metavar="WORD", help="Of a .msh file: joined (one body), or separate (bodies, cracks)."
         ),
     ] = None,
+    quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:
     """Look at a mesh: its boundaries and regions with their sizes, and a picture with their names."""
-    with _speaking(False, verbose) as screen:
+    with _speaking(quiet, verbose) as screen:
         screen.quiet = False  # what it says is what it is for
         from .mesh import run_mesh
 
@@ -312,9 +313,14 @@ def schema() -> None:
 
 
 @app.command()
-def effects(scene: SceneArgument, assignments: SetOption = None, verbose: VerboseOption = False) -> None:
+def effects(
+    scene: SceneArgument,
+    assignments: SetOption = None,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
+) -> None:
     """Decide which effects a scene needs, and say why."""
-    with _speaking(False, verbose) as screen:
+    with _speaking(quiet, verbose) as screen:
         screen.quiet = False  # what it says is all that it does
         from granfabric.cases.scene.reader import load
 

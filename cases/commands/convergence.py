@@ -121,9 +121,8 @@ def run_convergence(
         raise InputError(
             f"--refine {','.join(map(str, refinements))}: give two or more ascending factors such as 1,2,4"
         )
+    load(scene, assignments).require("field")  # before keys are given that other kinds do not know
     every = [load(scene, [*assignments, *CONSTANT_STIFFNESS, f"mesh.refine={factor}"]) for factor in refinements]
-    for loaded in every:
-        loaded.require("field")
     owner = replace(every[0].owner, kind="convergence")
     files.check_output(folder, owner, overwrite)
     since = time.perf_counter()

@@ -20,7 +20,7 @@ from granfabric.cases.records import files, lock
 from granfabric.cases.records.record import versions
 from granfabric.cases.terminal.clock import one_thread
 from granfabric.cases.terminal.compile_watch import watching
-from granfabric.cases.terminal.interruption import stop_wish
+from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen
 
 RECORD, PAGE, STORE = "cost.json", "cost.md", "dem"
@@ -99,7 +99,7 @@ def _run(asked: Sequence[Study], folder: Path, screen: Screen, quick: bool, resu
     failed: list[str] = []
     with (
         watching(screen.announce_compilation(COMPILATION_SECONDS)),
-        stop_wish(lambda: screen.say("stopping (Ctrl-C again stops at once)")) as stop,
+        interrupt_request(lambda: screen.say("stopping (Ctrl-C again stops at once)")) as stop,
         one_thread(),
     ):
         for place, study in enumerate(studies):

@@ -17,7 +17,7 @@ from granfabric.cases.scene.material_file import material_text, read_material, r
 from granfabric.cases.scene.measured import Inputs, as_data, from_data, inputs_of, measure_inputs, refused, warnings
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.compile_watch import CompileWatch, watching
-from granfabric.cases.terminal.interruption import StopWish, stop_wish
+from granfabric.cases.terminal.interruption import InterruptRequest, interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.dem_ref.dynamics.motion import UnstableMotionError
 from granfabric.dem_ref.dynamics.packing import PackingError, make_packing
@@ -91,7 +91,7 @@ def run_dem(
     record = Record(folder, loaded.name, resolved(loaded, None), scene_file=owner.place)
     with (
         watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
-        stop_wish(screen.announce_stop) as stop,
+        interrupt_request(screen.announce_stop) as stop,
         ExitStack() as hold,
     ):
         kept: tuple[Sample | None, DemRun | None] = (None, None)
@@ -167,13 +167,13 @@ def _kept(folder: Path, options: RunOptions) -> tuple[Sample | None, DemRun | No
         raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
 
 
-def _packing(scene: Any, record: Record, screen: Screen, stop: StopWish, watch: CompileWatch) -> Sample:
+def _packing(scene: Any, record: Record, screen: Screen, stop: InterruptRequest, watch: CompileWatch) -> Sample:
     """The packing, made and stored."""
     with screen.progress("packing", 1.0) as advance, record.phase("packing", watch):
 
         def report(text: str, fraction: float) -> None:
             advance(fraction, text)
-            if stop.wished:
+            if stop.requested:
                 raise _Stopped
 
         packing = scene.packing
@@ -216,7 +216,7 @@ def _measure(scene: Any, sample: Sample, record: Record, screen: Screen, watch: 
             measured = measure_inputs(sample, scene.measure.rattlers, scene.measure.loop_stress_ratio)
         except (ProbeError, SampleError) as error:
             record.details["material"] = f"not measured: {error}"
-            screen.say(f"the inputs of the point law could not be measured: {error}")
+            screen.say(f"the inputs of the point law could not be measured: {error}", insist=True)
             return
     files.write_text(path, material_text(measured.values, record.scene["title"], measured.errors, measured.missing))
     record.details["material"] = files.MATERIAL
@@ -239,7 +239,7 @@ def _measure_sliding(scene: Any, run: DemRun, record: Record, screen: Screen) ->
         found, misfit = measure_sliding_with_errors(history, measured, scene.measure.rattlers)
     except SampleError as error:
         record.details["sliding"] = f"not measured: {error}"
-        screen.say(f"the parameters of sliding could not be measured: {error}")
+        screen.say(f"the parameters of sliding could not be measured: {error}", insist=True)
         return
     sliding = {name: entry.value for name, entry in found.items()}
     before = from_data(record.details.get("measured"))
@@ -261,7 +261,7 @@ def _load(
     sample: Sample,
     record: Record,
     screen: Screen,
-    stop: StopWish,
+    stop: InterruptRequest,
     watch: CompileWatch,
 ) -> None:
     """Carry the sample along its path, on from the checkpoint if there is one."""
@@ -299,7 +299,7 @@ def _load(
 
 
 def _not_reached(run: DemRun, numbers: list[int]) -> list[str]:
-    """Legs that ended at their largest strain, not at their stress ratio."""
+    """Legs that ended at their largest strain, not at their stress ratio, or ran past it."""
     h = run.history()
     found = []
     for place, segment in enumerate(run.options.segments):
@@ -313,6 +313,11 @@ def _not_reached(run: DemRun, numbers: list[int]) -> list[str]:
             found.append(
                 f"leg {numbers[place]} ended at its largest strain of {abs(segment.shear_strain):g}, at q/p = "
                 f"{ratio:.3f} instead of {segment.stress_ratio:g}"
+            )
+        elif abs(segment.stress_ratio - ratio) > NEAR:
+            found.append(
+                f"leg {numbers[place]} ran past its end, to q/p = {ratio:.3f} instead of {segment.stress_ratio:g}: the "
+                "loading is too fast for the packing (see [rates])"
             )
     return found
 
@@ -345,11 +350,11 @@ def _report(run: DemRun | None, record: Record, screen: Screen) -> None:
             f"unbalanced force up to {h['unbalanced_force'].max():.1e}"
         )
         for line in record.details["not_reached"]:
-            screen.say(line)
+            screen.say(line, insist=True)
     measured = from_data(record.details.get("measured"))
     doubtful = _doubts(measured)
     for line in doubtful:
-        screen.say(f"{files.MATERIAL}: {line}")
+        screen.say(f"{files.MATERIAL}: {line}", insist=True)
     if record.outcome != "finished":
         screen.say(f"{record.outcome}: {record.message}", insist=True)
     phases = ", ".join(

@@ -28,17 +28,17 @@ def show_effects(loaded: LoadedScene, screen: Screen) -> Decision:
             "effects belong to point and field scenes"
         )
     effects_choice.check(loaded)
-    points, one_way = 1, None
+    points, uncoupled = 1, None
     with watching(screen.announce_compilation(COMPILATION_SECONDS)):
         if loaded.scene.kind == "point":
             decision = decide_point(loaded, timed=True)
         else:
             prepared = prepare(loaded)
             decision = decide_field(loaded, prepared, timed=True)
-            points, one_way = prepared.problem.space.npoints, decision.chosen.effects.linear_response
+            points, uncoupled = prepared.problem.space.npoints, decision.chosen.effects.linear_response
     heads, rows = effects_report.table(decision, points)
     screen.table(f"{loaded.scene.title}: effects", heads, rows, ("effect", "scene", "number"))
     for name, text in effects_report.scene_effects(loaded.scene):
         screen.say(f"{name}: {text}")
-    effects_report.announce(decision, one_way, screen)
+    effects_report.announce(decision, uncoupled, screen)
     return decision

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
-from granfabric.cases.effects.resolve import settle_point
+from granfabric.cases.effects.resolve import resolve_point
 from granfabric.cases.field import memory
 from granfabric.cases.records import files
+from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import start_state
 from granfabric.cases.scene import build
@@ -17,7 +18,7 @@ from granfabric.cases.scene.effects_choice import resolve_effects
 from granfabric.cases.scene.point_path import legs_of, remarks
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.compile_watch import watching
-from granfabric.cases.terminal.interruption import stop_wish
+from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.constitutive.path import PathHistory, drive
 
@@ -67,7 +68,7 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
     for text in remarks(loaded.scene):
         screen.say(text)
     with watching(screen.announce_compilation(COMPILATION_SECONDS)) as early:
-        loaded, decision = settle_point(loaded)
+        loaded, decision = resolve_point(loaded)
     effects_report.announce(decision, None, screen)
     scene = loaded.scene
     effects = resolve_effects(scene)
@@ -80,7 +81,7 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
         record.write()
         screen.keep_log(folder / files.LOG, versions())
         total = sum(leg.increments for leg in legs)
-        with stop_wish(screen.announce_stop) as stop:
+        with interrupt_request(screen.announce_stop) as stop:
             with (
                 watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
                 screen.progress(loaded.name, total) as advance,
@@ -105,7 +106,7 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
             except OSError as error:
                 raise record.broken_off(f"results cannot be written: {error}") from error
             record.details["steps"] = len(rows) - 1
-            record.outcome = "finished" if history.finished else "stopped" if stop.wished else "failed"
+            record.outcome = "finished" if history.finished else "stopped" if stop.requested else "failed"
             record.message = history.message
             record.write()
         if scene.output.pictures:
@@ -140,6 +141,12 @@ def _report(history: PathHistory, record: Record, screen: Screen) -> None:
         )
     if record.outcome != "finished":
         screen.say(f"{record.outcome} after {record.details['steps']} steps: {record.message}", insist=True)
+    ratios = [q / p if p > 0.0 else 0.0 for p, q in zip(columns["p"], columns["q"])]
+    pulls = pulling_stress(record.scene, [int(step) for step in columns["step"]], ratios)
+    if pulls:
+        screen.say(pulls)
+        record.details["pulling"] = pulls
+        record.write()
     screen.say(
         f"{record.details['steps']} steps in {record.timing['path']:.2f} s "
         f"(compilation {record.timing['compilation']:.1f} s); results in {record.folder}"

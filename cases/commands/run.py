@@ -13,21 +13,21 @@ import numpy as np
 
 from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
-from granfabric.cases.effects.resolve import settle_field
+from granfabric.cases.effects.resolve import resolve_field
 from granfabric.cases.errors import InputError
-from granfabric.cases.field import comparison, initial_balance, mesh_table
-from granfabric.cases.field import mesh_error_estimate as mesh_judgement
+from granfabric.cases.field import comparison, initial_balance, mesh_error_estimate, mesh_table
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.records import files, resumption
 from granfabric.cases.records.field_history import FieldHistory
 from granfabric.cases.records.field_recorder import FieldRecorder
+from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import write_failed_point
 from granfabric.cases.scene import build, effects_choice
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.compile_watch import CompileWatch, watching
 from granfabric.cases.terminal.early_kernels import EarlyKernels
-from granfabric.cases.terminal.interruption import stop_wish
+from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.constitutive import warm_up as constitutive_warm_up
 from granfabric.fem import warm_up as fem_warm_up
@@ -39,6 +39,8 @@ from granfabric.fem.output.fields import OutputError
 
 COMPILATION_SECONDS = 12
 """Rough time to compile the kernels of law and host on two cores, for the message on first use."""
+UNBOUNDED = 0.5
+"""q/p of a failed point from which the message tells that only sliding bounds it."""
 
 
 def run_field(
@@ -82,7 +84,7 @@ def run_field(
     since, owner = time.perf_counter(), loaded.owner
     with (
         watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
-        stop_wish(screen.announce_stop) as stop,
+        interrupt_request(screen.announce_stop) as stop,
         ExitStack() as hold,
     ):
         files.check_output(folder, owner, overwrite or resume)
@@ -96,7 +98,7 @@ def run_field(
         second_order = loaded.scene.mesh.element.endswith("2")
         mesh_table.show(prepared.problem.space.host_mesh, screen, second_order)
         waited = 0.0 if earlier is not None else _compile(loaded, kernels, watch, stop)
-        loaded, prepared, decision = settle_field(loaded, prepared, earlier, stop())
+        loaded, prepared, decision = resolve_field(loaded, prepared, earlier, stop())
         problem = prepared.problem
         record = Record(
             folder, loaded.name, resolved(loaded, prepared.effects), scene_file=owner.place, since=since
@@ -133,7 +135,7 @@ def run_field(
             effects_report.announce(decision, problem.law.description.linear_response, screen)
         balance = initial_balance.Balance(problem)
         if earlier is not None:
-            initial_balance.take_up(balance, earlier, record)
+            initial_balance.continue_from(balance, earlier, record)
         initial_balance.announce(balance, loaded, problem, record, screen)
         with (
             screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
@@ -146,10 +148,10 @@ def run_field(
                 )
                 files.remove_unfinished(folder)
                 record.write()
-                ways = effects_audit.Ways(problem)
+                stress_paths = effects_audit.StressPaths(problem)
 
                 def on_step(step: StepResult) -> None:
-                    ways.add(step)
+                    stress_paths.add(step)
                     initial_balance.report_release(balance, step, record, screen)
                     recorder(step)
 
@@ -169,19 +171,19 @@ def run_field(
                 raise record.broken_off(f"results cannot be written any more: {error}") from error
             except KeyboardInterrupt as error:
                 raise record.broken_off("interrupted within a step") from error
-        _finish(record, summary, stop.wished, balance)
+        _finish(record, summary, stop.requested, balance)
         if summary.failed_point is not None and record.outcome == "failed":
             write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
         record.timing["compilation"] = watch.seconds + waited
         audit = None
-        if record.outcome == "finished" and resumed is None:  # else the ways of the first part are not known
+        if record.outcome == "finished" and resumed is None:  # else the stress_paths of the first part are not known
             with record.phase("audit", watch):
-                audit = effects_audit.audit_field(loaded, problem, ways)
+                audit = effects_audit.audit_field(loaded, problem, stress_paths)
         if record.outcome == "finished" and loaded.scene.closed_form is not None:
             comparison.write(folder, record, comparison.compare(loaded, problem, recorder.last))
         if record.outcome == "finished":
             with record.phase("mesh_error", watch):
-                mesh_judgement.judge(folder, record, problem, recorder.last)
+                mesh_error_estimate.estimate(folder, record, problem, recorder.last)
         record.write()
         if loaded.scene.output.pictures:
             from granfabric.cases.pictures.draw import draw
@@ -192,7 +194,7 @@ def run_field(
         if record.outcome == "finished":
             checkpoints.remove()
     _report(history, summary, record, screen)
-    mesh_judgement.report(record, screen)
+    mesh_error_estimate.report(record, screen)
     comparison.report(record, screen)
     if audit is not None:
         effects_audit.conclude(audit, loaded, record, screen)
@@ -203,10 +205,10 @@ def run_field(
 def _last_checkpoint(checkpoints: CheckpointFolder, earlier: dict[str, Any], screen: Screen) -> Checkpoint | None:
     """Where to go on; None if the run had not accepted a step yet."""
     try:
-        resumed, complaints = checkpoints.load()
+        resumed, damages = checkpoints.load()
     except CheckpointError as error:
         raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
-    for text in complaints:
+    for text in damages:
         screen.say(f"{text}; going on from the one before")
     other = resumption.other_versions(earlier)
     if other:
@@ -244,11 +246,27 @@ def _finish(record: Record, summary: RunSummary, stopped: bool, balance: initial
     record.outcome = "finished" if summary.finished else "stopped" if stopped else "failed"
     record.message = summary.message
     if record.outcome == "failed":
-        record.message += balance.reminder(summary.stage)
+        record.message += _failed_place(record, summary) + balance.reminder(summary.stage)
     record.details["counters"] = dict(summary.counters)
     record.details["linear_solver"] = summary.solver
     record.details["reached"] = {"stage": summary.stage, "fraction": summary.fraction}
     record.timing.update(summary.seconds)
+
+
+def _failed_place(record: Record, summary: RunSummary) -> str:
+    """Where the law could not be followed, how far the stress had come there, and what bounds it."""
+    failed = summary.failed_point
+    if failed is None:
+        return ""
+    xx, yy, xy = failed.stress_start.tolist()
+    pressure, deviator = -0.5 * (xx + yy), float(np.hypot(0.5 * (xx - yy), xy))
+    said = f" (point {failed.point} at ({failed.position[0]:.4g}, {failed.position[1]:.4g}) m"
+    ratio = deviator / pressure if pressure > 0.0 else 0.0
+    if ratio:
+        said += f", q/p = {ratio:.3g}"
+    if ratio > UNBOUNDED and not record.scene["effects"]["sliding"]:
+        said += "; without effects.sliding the law has no strength, and q/p grows with the strain"
+    return f"{said}; {files.FAILED_POINT} holds it)"
 
 
 def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: Screen) -> None:
@@ -285,6 +303,11 @@ def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: 
             f"rates were clipped at the limit of realisability, at up to {max(limited)} of "
             f"{size['integration_points']} points, first in step {columns['step'][first]}"
         )
+    pulls = pulling_stress(record.scene, columns["step"], columns["stress_ratio_largest"], " at some points")
+    if pulls:
+        screen.say(pulls)
+        record.details["pulling"] = pulls
+        record.write()
     if record.outcome != "finished":
         where = f"{record.outcome} in stage {summary.stage!r} at {summary.fraction:.0%}"
         screen.say(f"{where}: {record.message}", insist=True)

@@ -15,7 +15,7 @@ from granfabric.cases.scene.material_file import material_text
 from granfabric.cases.scene.measured import as_data, mean_of, warnings
 from granfabric.cases.scene.owner import Owner
 from granfabric.cases.terminal.compile_watch import watching
-from granfabric.cases.terminal.interruption import StopWish, stop_wish
+from granfabric.cases.terminal.interruption import InterruptRequest, interrupt_request
 from granfabric.cases.terminal.screen import Screen
 from granfabric.cases.verify.closures import CLOSURE_COLUMNS, PROBE_COLUMNS, closure_rows, probe_rows
 from granfabric.cases.verify.dem_side import LOADINGS, STORE, DemStore, RunGivenUpError, SeedResult, Stopped
@@ -53,7 +53,7 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwri
     particles : int
         Disks of a packing.
     seeds : int
-        Packings, with seeds 1, 2, ...; the scatter between them is the yardstick of the errors.
+        Packings, with seeds 1, 2, ...; the standard deviation between them measures the errors.
     screen : Screen
     overwrite : bool
         Replace results of a scene too.
@@ -86,11 +86,11 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwri
         study = None
         with (
             watching(screen.announce_compilation(COMPILATION_SECONDS)) as watch,
-            stop_wish(screen.announce_stop) as stop,
+            interrupt_request(screen.announce_stop) as stop,
         ):
             try:
                 with record.phase("dem", watch):
-                    results = _judge(DemStore(folder / STORE, particles, watch.clock), numbers, screen, stop)
+                    results = _measured(DemStore(folder / STORE, particles, watch.clock), numbers, screen, stop)
                 with record.phase("model", watch):
                     study = evaluate(results)
             except Stopped:
@@ -113,7 +113,7 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwri
         return record
 
 
-def _judge(store: DemStore, seeds: Sequence[int], screen: Screen, stop: StopWish) -> list[SeedResult]:
+def _measured(store: DemStore, seeds: Sequence[int], screen: Screen, stop: InterruptRequest) -> list[SeedResult]:
     """The DEM's results for all seeds."""
     results = []
     with screen.progress("DEM", float(len(seeds))) as advance:
@@ -125,7 +125,7 @@ def _judge(store: DemStore, seeds: Sequence[int], screen: Screen, stop: StopWish
             results.append(store.complete(seed, report, stop))
             for line in warnings(results[-1].measured):
                 screen.say(f"seed {seed}: {line}")
-            if stop.wished and seed != seeds[-1]:
+            if stop.requested and seed != seeds[-1]:
                 raise Stopped
     return results
 

@@ -41,7 +41,7 @@ def coarse(name: str, every: Sequence[str] = ()) -> LoadedScene:
     return load(name, settings)
 
 
-def judge(loaded: LoadedScene, rounds: int = 1) -> Row:
+def compared(loaded: LoadedScene, rounds: int = 1) -> Row:
     """Decide a scene, run it as decided and with everything, and compare.
 
     Raises
@@ -93,7 +93,7 @@ def judge(loaded: LoadedScene, rounds: int = 1) -> Row:
         "seconds_everything": seconds[1],
         "seconds_probe": min(probe),
         "speedup": seconds[1] / max(seconds[0], 1e-9),
-        "one_way": int(ours.one_way),
+        "uncoupled": int(ours.uncoupled),
         "finished": int(ours.finished and theirs.finished),
         "within": int(found.error <= decision.tolerance),
     }
@@ -107,7 +107,7 @@ def rows(effort: Effort) -> list[Row]:
         effort.advance(place, len(names), name)
         settings = ["effects.tolerance=" + LEFT_OPEN]
         loaded = coarse(name, settings) if effort.quick else load(name, settings)
-        table.append(judge(loaded, effort.rounds))
+        table.append(compared(loaded, effort.rounds))
     for kind in KINDS:
         mark_fronts([row for row in table if row["facet"] == kind])
     return table
@@ -139,7 +139,7 @@ def findings(table: Sequence[Row]) -> list[str]:
         f"{len(table) - len(beyond)} of {len(table)} scenes stay within their tolerance"
         + (f"; not {', '.join(beyond)}." if beyond else ".")
     ]
-    ways = [row["setting"] for row in table if row["one_way"]]
+    ways = [row["setting"] for row in table if row["uncoupled"]]
     if ways:
         said.append(f"Displacements by one linear solve a stage: {', '.join(ways)}.")
     fields: list[Any] = [row for row in table if row["facet"] == "field"]
@@ -165,13 +165,13 @@ STUDY = Study(
         Column("tolerance", "error that may be left"),
         Column("estimate", "error expected beforehand"),
         Column("error_at_worst_point", "the largest of all points"),
-        Column("quantity", "what errs most"),
+        Column("quantity", "quantity with the largest error"),
         Column("left_out", "what was decided to be left out"),
         Column("memory", "whether the closure has a memory of weak forces"),
         Column("seconds_everything", "processor time with everything", "s"),
         Column("seconds_probe", "processor time of the decision", "s"),
         Column("speedup", "time with everything over time as decided"),
-        Column("one_way", "1 if displacements come from one linear solve a stage"),
+        Column("uncoupled", "1 if displacements come from one linear solve a stage"),
         Column("finished", "1 if both runs came to their end"),
         Column("within", "1 if the error is within the tolerance"),
     ),

@@ -1,4 +1,4 @@
-"""Study: how many disks, how many packings and how slow a loading the DEM needs to judge anything."""
+"""Study: how many disks, how many packings and how slow a loading the DEM needs to serve as a reference."""
 
 from __future__ import annotations
 
@@ -242,7 +242,7 @@ def _words(packings: dict[int, int]) -> str:
 STUDY = Study(
     name="dem",
     title="Disks, packings and loading rate of the DEM",
-    question="How many disks and how slow a loading does it take before the DEM can judge a model?",
+    question="How many disks and how slow a loading does it take before the DEM can serve as a reference for a model?",
     knobs=(
         ("disks (packings)", f"{_words(FULL.packings)}; quick: {_words(QUICK.packings)}"),
         ("loading rate", "inertial number up to 1e-2 ... 1e-5 and unbalanced force in proportion; reference 1e-6"),

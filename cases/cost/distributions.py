@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granfabric.cases.pictures.style import picture
 from granfabric.cases.terminal.clock import best_of
+from granfabric.constitutive.law import ContactLaw
 from granfabric.constitutive.parameters import Closure, Distribution, Integration, Integrator
 
 from .batch import PATH_STRAIN, SEED, Batch, End, distance, follow, initial_state, law_of, make_batch
@@ -38,6 +40,19 @@ def batch_at(points: int, magnitude: float) -> Batch:
     batch = make_batch(points)
     angle = np.random.default_rng(SEED).uniform(0.0, 2.0 * np.pi, points)
     return replace(batch, fabric=magnitude * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+
+
+def start_of(law: ContactLaw, batch: Batch) -> NDArray[np.float64]:
+    """State at the start of the paths, with the batch's fabric also where no packing could begin with it.
+
+    Loading takes a fabric beyond the limit of its distribution; there a_t closes the stress-force-fabric relation.
+    """
+    magnitude = np.linalg.norm(batch.fabric, axis=1, keepdims=True)
+    within = batch.fabric * np.minimum(1.0, 0.9 / np.maximum(magnitude, 1e-300))
+    state = initial_state(law, replace(batch, fabric=within))
+    state[:, law.description.columns("fabric_anisotropy")] += batch.fabric - within
+    state[:, law.description.columns("tangential_force_anisotropy")] -= batch.fabric - within
+    return state
 
 
 def _integration(directions: int) -> Integration:
@@ -67,7 +82,7 @@ def rows(effort: Effort) -> list[Row]:
 
     def path(magnitude: float, name: Distribution, number: int) -> Callable[[], End]:
         law = law_of(_integration(number), Closure(distribution=name))
-        return partial(follow, law, batches[magnitude], initial_state(law, batches[magnitude]), 1)
+        return partial(follow, law, batches[magnitude], start_of(law, batches[magnitude]), 1)
 
     references = {
         (magnitude, name): path(magnitude, name, REFERENCE_DIRECTIONS)()

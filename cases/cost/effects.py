@@ -114,8 +114,8 @@ def _row(name: str, title: str, full: Outcome, outcome: Outcome, best: dict[str,
         "relative_time": best[title] / best[EVERYTHING],
         "state_columns": outcome.trial.columns,
         # stress and state twice, start and end of a step; strain, its increment, and where iterated two tangents
-        "memory_per_point": 8 * (2 * (3 + outcome.trial.columns) + 6 + (0 if outcome.one_way else 18)),
-        "one_way": int(outcome.one_way),
+        "memory_per_point": 8 * (2 * (3 + outcome.trial.columns) + 6 + (0 if outcome.uncoupled else 18)),
+        "uncoupled": int(outcome.uncoupled),
         "factorisations": outcome.counters["factorisations"],
         "linear_solves": outcome.counters["linear_solves"],
     }
@@ -151,7 +151,7 @@ def findings(table: Sequence[Row]) -> list[str]:
         if small:
             fastest = min(small, key=lambda row: row["relative_time"])
             said.append(
-                f"{title}: {fastest['setting']} errs by {fastest['error']:.1e} and takes "
+                f"{title}: {fastest['setting']} has an error of {fastest['error']:.1e} and takes "
                 f"{fastest['relative_time']:.0%} of the time of everything."
             )
         gravest = max(members, key=lambda row: row["error"])
@@ -174,11 +174,11 @@ STUDY = Study(
     columns=(
         *COMMON_COLUMNS,
         Column("error_at_worst_point", "the same at the worst point"),
-        Column("quantity", "what errs most"),
+        Column("quantity", "quantity with the largest error"),
         Column("relative_time", "processor time over that of everything"),
         Column("state_columns", "state columns of a point"),
         Column("memory_per_point", "memory of stress, strain, state and tangents of a point", "B"),
-        Column("one_way", "1 if displacements come from one linear solve a stage"),
+        Column("uncoupled", "1 if displacements come from one linear solve a stage"),
         Column("factorisations", "factorisations"),
         Column("linear_solves", "linear solves"),
     ),

@@ -36,7 +36,7 @@ TOLERANCE = 1e-8
 SIZES = {1: (10, 20, 40, 80, 160), 2: (5, 10, 20, 40, 80)}
 """Cells along each side, by the order of the element; multiples of 5, so that a node is at the edge of the footing."""
 QUICK_SIZES = {1: (5, 10, 20), 2: (5, 10, 20)}
-JUDGES = ("P2", "Q2")
+REFERENCE_ELEMENTS = ("P2", "Q2")
 """Elements whose values on the three finest meshes are extrapolated to the reference."""
 
 AXES = Axes(
@@ -134,7 +134,7 @@ def rows(effort: Effort) -> list[Row]:
     for place, (element, number) in enumerate(plan):
         effort.advance(place, len(plan) + 1, f"{element}, {number} x {number} cells")
         found[element, number] = compute(meshes[element, number], element)
-    limits = [extrapolate([found[key].pressure for key in plan if key[0] == element]) for element in JUDGES]
+    limits = [extrapolate([found[key].pressure for key in plan if key[0] == element]) for element in REFERENCE_ELEMENTS]
     reference = sum(limits) / len(limits)
     short = [key for key in plan if found[key].seconds < LONG]
     times = best_of(
@@ -186,7 +186,7 @@ def findings(table: Sequence[Row]) -> list[str]:
     said = [
         f"Observed orders in the cell size: {orders}; the edge of the footing limits all elements to about one.",
         f"The reference is known to {table[0]['reference_uncertainty']:.1e} (difference of the extrapolations of "
-        f"{' and '.join(JUDGES)}).",
+        f"{' and '.join(REFERENCE_ELEMENTS)}).",
     ]
     for error in (0.05, 0.02, 0.01):
         best = cheapest(table, error)

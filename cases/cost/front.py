@@ -11,7 +11,7 @@ from .study import Row
 
 
 def on_front(cost: ArrayLike, error: ArrayLike) -> np.ndarray:
-    """Which settings are not dominated: no other one costs no more and errs no more, and less in one of the two.
+    """Which settings are not dominated: no other one costs no more and has no larger error, and less in one of the two.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ from .study import StudyError, StudyStopped
 
 Array = NDArray[np.float64]
 Watch = Callable[[str], None]
-"""Told what is going on; raises `StudyStopped` if the user wishes to stop."""
+"""Told what is going on; raises `StudyStopped` if the user asks to stop."""
 
 WARM_UP_PARTICLES = 200
 
@@ -123,8 +123,8 @@ class GrainStore:
             def stop() -> bool:
                 try:
                     watch(f"{particles} disks, seed {seed}: {name} ({100 * run.completed_fraction():.0f} %)")
-                except StudyStopped as wish:
-                    stopped.append(wish)
+                except StudyStopped as stopped_by:
+                    stopped.append(stopped_by)
                 return bool(stopped)
 
             since = time.process_time()

@@ -253,7 +253,7 @@ STUDY = Study(
         (
             "points",
             "512 (shifted distribution, fluctuating: 48): a quarter biaxial under turned axes, the others compressed "
-            "and sheared in random directions from q/p up to 0.2, so that loading, unloading and turning axes occur",
+            "and sheared in random directions from q/p up to 0.2, so that loading, unloading and rotation occur",
         ),
         (
             "reference",

@@ -19,8 +19,8 @@ EXTRA = {
     "tangents": ("newton_iterations", "factorisations", "krylov_iterations"),
     "mesh": ("stress_error", "nonzeros", "factorisations"),
     "load_steps": ("newton_iterations", "factorisations", "cuts"),
-    "effects": ("quantity", "relative_time", "state_columns", "memory_per_point", "one_way"),
-    "decisions": ("estimate", "left_out", "seconds_everything", "seconds_probe", "speedup", "one_way", "within"),
+    "effects": ("quantity", "relative_time", "state_columns", "memory_per_point", "uncoupled"),
+    "decisions": ("estimate", "left_out", "seconds_everything", "seconds_probe", "speedup", "uncoupled", "within"),
     "dem": ("error_coordination", "error_fabric", "packing_seconds"),
 }
 

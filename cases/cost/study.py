@@ -33,7 +33,7 @@ class Effort:
     rounds : int
         Each time is the best of this many rounds over all settings.
     advance : callable
-        ``advance(done, total, text)`` reports progress; raises `StudyStopped` if the user wishes to stop.
+        ``advance(done, total, text)`` reports progress; raises `StudyStopped` if the user asks to stop.
     store : Path
         Folder for what is expensive and may be used again: DEM packings and runs.
     """

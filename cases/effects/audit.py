@@ -1,8 +1,8 @@
-"""After a run: what was left out is tried on the ways that points really went, and what it would have changed is told.
+"""After a run: what was left out is tried on the stress paths that points followed, and what it would change is told.
 
 A boundary-value problem keeps the strains of some points, spread over its area and those at the extremes of the probe.
-When it is done, the law goes the same ways with each effect that was off, and the difference in stress over p, strain,
-z and a_c is the neglected contribution. Above the tolerance on more than 1 % of the area it is a warning.
+When it is done, the law follows the same stress paths with each effect that was off, and the difference in stress over
+p, strain, z and a_c is the neglected contribution. Above the tolerance on more than 1 % of the area it is a warning.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ from granfabric.fem.loads.problem import Problem
 from .numbers import numbers, quantile
 from .probe import Paths, index_of, network_of_state
 from .sample import spread_over_area
-from .trial import QUANTITIES, Trial, differences, drive_point, follow, loosened, stiffness
+from .trial import QUANTITIES, Trial, differences, drive_point, follow, stiffness, with_tolerance
 
 Array = NDArray[np.float64]
 
 POINTS = 128
-"""Points whose ways are kept."""
+"""Points whose stress paths are kept."""
 NODES = 60
 """Steps that are gone through again; beyond, every second goes, or more."""
 REVERSAL = 0.02
 """Fall of q/p or ln p from which a closure without memory is called to account although the scene chose it."""
 KNOWN_STRESS_RATIO = 0.25
-"""Stress ratio beyond which grains slide in earnest (DEM of the verification)."""
+"""Stress ratio beyond which sliding at contacts is not negligible (DEM of the verification)."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ class Neglected:
         Mean over the area, exceeded on less than 1 % of the area, and at the worst point; of the quantity that differs
         most. Infinite where the law could not follow a point with what was left out.
     quantity : str
-    share : float
-        Share of the area above the tolerance.
+    fraction : float
+        Fraction of the area above the tolerance.
     region : str
         Where that is.
     warn : bool
@@ -76,7 +76,7 @@ class Neglected:
     most: float
     largest: float
     quantity: str
-    share: float
+    fraction: float
     region: str
     warn: bool
 
@@ -89,8 +89,8 @@ class Audit:
     stress_ratio: float
 
 
-class Ways:
-    """Ways of some points of a boundary-value problem, collected step by step.
+class StressPaths:
+    """Stress paths of some points of a boundary-value problem, collected step by step.
 
     Parameters
     ----------
@@ -112,19 +112,19 @@ class Ways:
         self._state.append(step.state[self.points])
 
     def paths(self) -> tuple[Paths, Trial]:
-        """The ways, and the outcome of the run along them."""
+        """The stress paths, and the outcome of the run along them."""
         problem, points = self._problem, self.points
         last = len(self._strain) - 1
         nodes = np.unique(np.linspace(0, last, min(last, NODES) + 1).round().astype(int))
         strain, stress = np.array(self._strain)[nodes], np.array(self._stress)[nodes]
         coordination, fabric = network_of_state(problem)
-        share = np.full(len(points), 1.0 / len(points))
+        fraction = np.full(len(points), 1.0 / len(points))
         if len(points) == problem.space.npoints:
-            share = problem.space.weights / problem.space.weights.sum()
+            fraction = problem.space.weights / problem.space.weights.sum()
         paths = Paths(
             strain,
             stress,
-            share,
+            fraction,
             problem.space.points[points],
             np.ascontiguousarray(index_of(problem)[points]),
             coordination[points],
@@ -145,7 +145,7 @@ class Ways:
         return paths, outcome
 
 
-def audit_field(loaded: LoadedScene, problem: Problem, ways: Ways) -> Audit:
+def audit_field(loaded: LoadedScene, problem: Problem, stress_paths: StressPaths) -> Audit:
     """What was left out of a finished boundary-value problem.
 
     Parameters
@@ -154,9 +154,9 @@ def audit_field(loaded: LoadedScene, problem: Problem, ways: Ways) -> Audit:
         With everything decided.
     problem : Problem
         As it was run.
-    ways : Ways
+    stress_paths : StressPaths
     """
-    paths, outcome = ways.paths()
+    paths, outcome = stress_paths.paths()
     law = _loose_law(loaded)
 
     def run(other: ContactLaw) -> Trial:
@@ -203,7 +203,7 @@ def audit_point(loaded: LoadedScene, history: PathHistory) -> Audit:
 def _loose_law(loaded: LoadedScene) -> ContactLaw:
     """The law of the run with looser substeps, but with all its directions: fewer would differ from the run by more."""
     law = build.law(loaded, everything(loaded.scene).effects)
-    numerics = loosened(law.integration, tolerance(loaded.scene), law.integration.directions)
+    numerics = with_tolerance(law.integration, tolerance(loaded.scene), law.integration.directions)
     return ContactLaw(law.materials, law.closure, law.effects, numerics)
 
 
@@ -269,11 +269,11 @@ def _region(paths: Paths, points: NDArray[np.bool_], names: Sequence[str | None]
     return text
 
 
-def sentences(audit: Audit, scene: Any) -> list[str]:
+def messages(audit: Audit, scene: Any) -> list[str]:
     """A warning for each effect that should not have been left out, and one line on the rest."""
     found, stress_ratio = audit.neglected, audit.stress_ratio
     said = [
-        f"warning: {entry.name} is off and would have changed {_words(entry)} on {entry.share:.0%} of the area "
+        f"warning: {entry.name} is off and would have changed {_words(entry)} on {entry.fraction:.0%} of the area "
         f"({entry.region}); on the mean {_number(entry.mean)}, tolerance {tolerance(scene):g}; --upgrade turns it on"
         for entry in found
         if entry.warn
@@ -281,11 +281,11 @@ def sentences(audit: Audit, scene: Any) -> list[str]:
     small = [f"{entry.name} {_number(entry.most)}" for entry in found if not entry.warn]
     if small:
         said.append(f"audit of what was left out: {', '.join(small)}")
-    judged = SLIDING in [entry.name for entry in found] or SLIDING in everything(scene).names()
-    if not judged and stress_ratio > KNOWN_STRESS_RATIO:
+    assessed = SLIDING in [entry.name for entry in found] or SLIDING in everything(scene).names()
+    if not assessed and stress_ratio > KNOWN_STRESS_RATIO:
         said.append(
-            f"audit: q/p reaches {stress_ratio:.2g} without sliding; beyond {KNOWN_STRESS_RATIO:g} grains slide in "
-            "earnest"
+            f"audit: q/p reaches {stress_ratio:.2g} without sliding; beyond {KNOWN_STRESS_RATIO:g} sliding at contacts "
+            "is not negligible (effects.sliding)"
         )
     return said
 
@@ -323,5 +323,5 @@ def conclude(audit: Audit, loaded: LoadedScene, record: Record, screen: Screen) 
     """Say and record what was neglected."""
     record.details["audit"] = as_data(audit)
     record.details["upgrade"] = to_upgrade(audit)
-    for text in sentences(audit, loaded.scene):
+    for text in messages(audit, loaded.scene):
         screen.say(text)

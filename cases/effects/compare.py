@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from granfabric.cases.field.prepare import Prepared
 from granfabric.cases.scene import build
-from granfabric.cases.scene.effects_choice import EffectSet, settled
+from granfabric.cases.scene.effects_choice import EffectSet, with_decided
 from granfabric.cases.scene.point_path import legs_of
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.constitutive.path import drive
@@ -38,7 +38,7 @@ class Outcome:
         Processor time of the computation, nothing written.
     counters : dict of str to int
         Of the host; empty for a point.
-    one_way : bool
+    uncoupled : bool
     finished : bool
     """
 
@@ -46,7 +46,7 @@ class Outcome:
     keys: list[tuple[str, float]]
     seconds: float
     counters: dict[str, int]
-    one_way: bool
+    uncoupled: bool
     finished: bool
 
 
@@ -60,8 +60,8 @@ class Distance:
 
 
 def run_field(loaded: LoadedScene, prepared: Prepared, chosen: EffectSet) -> Outcome:
-    """Solve a boundary-value problem with an effect set; arguments as of `effects_settle.with_effects`."""
-    made = with_effects(settled(loaded, chosen), prepared)
+    """Solve a boundary-value problem with an effect set; arguments as of `resolve.with_effects`."""
+    made = with_effects(with_decided(loaded, chosen), prepared)
     problem = made.problem
     steps: list[StepResult] = []
     since = time.process_time()
@@ -90,7 +90,7 @@ def run_field(loaded: LoadedScene, prepared: Prepared, chosen: EffectSet) -> Out
 
 def run_point(loaded: LoadedScene, chosen: EffectSet) -> Outcome:
     """Drive a point scene with an effect set."""
-    made = settled(loaded, chosen)
+    made = with_decided(loaded, chosen)
     law, legs = build.law(made, chosen.effects), legs_of(made.scene)
     since = time.process_time()
     history = drive(law, made.scene.initial.stress, legs)
@@ -114,7 +114,7 @@ def run_point(loaded: LoadedScene, chosen: EffectSet) -> Outcome:
 
 
 def distance(reference: Outcome, other: Outcome, weights: Array) -> Distance:
-    """Largest difference over the steps that both have; shares of the area as weights."""
+    """Largest difference over the steps that both have; fractions of the area as weights."""
     common = [key for key in reference.keys if key in set(other.keys)]
     first, second = (_at(outcome, common) for outcome in (reference, other))
     found = differences(first, second, weights)

@@ -40,20 +40,20 @@ from granfabric.constitutive.parameters import Closure, ParameterError
 from .numbers import Numbers, numbers, quantile
 from .probe import Paths, ProbeError, field_paths
 from .sample import sample
-from .trial import Trial, differences, drive_point, follow, largest, loosened, shortened, stiffness
+from .trial import Trial, differences, drive_point, follow, largest, shortened, stiffness, with_tolerance
 
 Array = NDArray[np.float64]
 
 REFUSED = "the law refuses this start with everything on"
-LOST_SHARE = 0.05
-"""Share of the area without an elastic answer that makes sense, above which nothing is left out."""
+LOST_FRACTION = 0.05
+"""Fraction of the area without an elastic answer that makes sense, above which nothing is left out."""
 TIMED = 3
 MARGIN = 0.5
 """Part of the tolerance that the estimated error may take."""
 
 
 @dataclass(frozen=True)
-class Judged:
+class AssessedEffect:
     """One effect, or the memory of the weak forces.
 
     Parameters
@@ -66,7 +66,7 @@ class Judged:
     largest : float
         The same at the worst of the points that were tried.
     quantity : str
-        The quantity that errs most; empty for what cannot act in this scene, or lacks its parameters.
+        The quantity with the largest error; empty for what cannot act in this scene, or lacks its parameters.
     columns : int
         State columns that it costs.
     time_ratio : float
@@ -90,7 +90,7 @@ class Decision:
     Parameters
     ----------
     chosen : EffectSet
-    judged : list of Judged
+    assessed : list of AssessedEffect
     error : float
         Estimated error of leaving out all that is left out on "auto", together.
     tolerance : float
@@ -98,28 +98,28 @@ class Decision:
         None if there was no probe.
     note : str
         Why nothing was left out, where the probe failed.
-    refused_share : float
-        Share of the area where even with everything on the law could not follow the probe.
+    refused_fraction : float
+        Fraction of the area where even with everything on the law could not follow the probe.
     """
 
     chosen: EffectSet
-    judged: list[Judged] = field(default_factory=list)
+    assessed: list[AssessedEffect] = field(default_factory=list)
     error: float = 0.0
     tolerance: float = 0.0
     numbers: Numbers | None = None
     note: str = ""
-    refused_share: float = 0.0
+    refused_fraction: float = 0.0
 
-    def left_out(self) -> list[Judged]:
+    def left_out(self) -> list[AssessedEffect]:
         """What was left to the program, could have acted, and is off."""
-        return [entry for entry in self.judged if entry.asked == AUTO and not entry.on and entry.quantity]
+        return [entry for entry in self.assessed if entry.asked == AUTO and not entry.on and entry.quantity]
 
 
 class _Bench:
     """The law of a scene with any effect set, tried once for each."""
 
-    def __init__(self, base: ContactLaw, run: Callable[[ContactLaw], Trial], shares: Array, moduli: Array | None):
-        self._base, self._run, self._shares, self._moduli = base, run, shares, moduli
+    def __init__(self, base: ContactLaw, run: Callable[[ContactLaw], Trial], fractions: Array, moduli: Array | None):
+        self._base, self._run, self._fractions, self._moduli = base, run, fractions, moduli
         self._known: dict[EffectSet, Trial | None] = {}
 
     def _law(self, chosen: EffectSet) -> ContactLaw:
@@ -145,8 +145,8 @@ class _Bench:
         first, second = self.trial(reference), self.trial(other)
         if first is None or second is None:
             return np.inf, np.inf, "refused"
-        found = differences(first, second, self._shares, self._moduli)
-        by_name = {name: quantile(values, self._shares) for name, values in found.items()}
+        found = differences(first, second, self._fractions, self._moduli)
+        by_name = {name: quantile(values, self._fractions) for name, values in found.items()}
         name = max(by_name, key=lambda key: by_name[key])
         return by_name[name], float(largest(found).max()), name
 
@@ -157,15 +157,15 @@ def decide_point(loaded: LoadedScene, timed: bool = False) -> Decision:
     law = _base_law(loaded)
     legs = shortened(legs_of(scene))
     start = scene.initial.stress
-    shares = np.ones(1)
-    bench = _Bench(law, lambda other: drive_point(other, start, legs), shares, None)
+    fractions = np.ones(1)
+    bench = _Bench(law, lambda other: drive_point(other, start, legs), fractions, None)
     reference = bench.trial(everything(scene))
     if reference is None:
         return Decision(everything(scene), tolerance=tolerance(scene), note=REFUSED)
     paths = Paths(
         reference.strain,
         reference.stress,
-        shares,
+        fractions,
         np.zeros((1, 2)),
         np.zeros(1, dtype=np.int32),
         reference.coordination[0],
@@ -183,23 +183,23 @@ def decide_field(loaded: LoadedScene, prepared: Prepared, timed: bool = False) -
         return Decision(everything(loaded.scene), tolerance=tolerance(loaded.scene), note=str(error))
     if len(paths.strain) == 1:
         return Decision(everything(loaded.scene), tolerance=tolerance(loaded.scene), note="no stage changes the stress")
-    points, shares = sample(paths)
-    few = replace(paths.at(points), weights=shares)
+    points, fractions = sample(paths)
+    few = replace(paths.at(points), weights=fractions)
     law = _base_law(loaded)
     try:
         moduli = stiffness(law, few)
     except ParameterError:
         return Decision(everything(loaded.scene), tolerance=tolerance(loaded.scene), note=REFUSED)
-    bench = _Bench(law, lambda other: follow(other, few), shares, moduli)
+    bench = _Bench(law, lambda other: follow(other, few), fractions, moduli)
     reference = bench.trial(everything(loaded.scene))
     if reference is None:
         return Decision(everything(loaded.scene), tolerance=tolerance(loaded.scene), note=REFUSED)
-    return _decide(loaded, bench, paths, reference.reached < len(few.strain) - 1, timed, shares)
+    return _decide(loaded, bench, paths, reference.reached < len(few.strain) - 1, timed, fractions)
 
 
 def _base_law(loaded: LoadedScene) -> ContactLaw:
     law = build.law(loaded, everything(loaded.scene).effects)
-    return ContactLaw(law.materials, law.closure, law.effects, loosened(law.integration, tolerance(loaded.scene)))
+    return ContactLaw(law.materials, law.closure, law.effects, with_tolerance(law.integration, tolerance(loaded.scene)))
 
 
 def _decide(
@@ -208,12 +208,12 @@ def _decide(
     paths: Paths,
     refused: NDArray[np.bool_],
     timed: bool,
-    shares: Array | None = None,
+    fractions: Array | None = None,
 ) -> Decision:
     scene = loaded.scene
     full = everything(scene)
     allowed = MARGIN * tolerance(scene)
-    refused_share = float((np.ones(1) if shares is None else shares)[refused].sum())
+    refused_fraction = float((np.ones(1) if fractions is None else fractions)[refused].sum())
     alone: dict[str, tuple[float, float, str]] = {}
     for name in all_names():
         if full.has(name):
@@ -225,10 +225,10 @@ def _decide(
             alone[name] = bench.error(more, full) if more.has(name) else (0.0, 0.0, "")
     chosen, error, note = full, 0.0, ""
     facts = numbers(paths, [material for material, _ in build.materials(scene)], _closure(scene))
-    if facts.low_pressure_share > LOST_SHARE:
+    if facts.low_pressure_fraction > LOST_FRACTION:
         note = "where so much pressure is gone, an elastic probe is no guide: nothing is left out"
-    elif refused_share > LOST_SHARE:
-        note = f"even with everything on, {refused_share:.0%} of the area cannot be followed along the elastic probe"
+    elif refused_fraction > LOST_FRACTION:
+        note = f"even with everything on, {refused_fraction:.0%} of the area cannot be followed along the elastic probe"
     else:
         # what costs most time is tried first among what matters not at all
         order = sorted(
@@ -242,8 +242,8 @@ def _decide(
             together = bench.error(full, without)[0]
             if together <= allowed:
                 chosen, error = without, together
-    judged = [
-        Judged(
+    assessed = [
+        AssessedEffect(
             name,
             asked(scene, name),
             chosen.has(name),
@@ -253,7 +253,7 @@ def _decide(
         )
         for name in all_names()
     ]
-    return Decision(chosen, judged, error, tolerance(scene), facts, note, refused_share)
+    return Decision(chosen, assessed, error, tolerance(scene), facts, note, refused_fraction)
 
 
 def _closure(scene: Any) -> Closure:

@@ -20,26 +20,26 @@ from .probe import Paths
 
 Array = NDArray[np.float64]
 
-SHARE = 0.99
-"""Share of the area on which a number is not exceeded."""
+FRACTION = 0.99
+"""Fraction of the area on which a number is not exceeded."""
 LOW_PRESSURE = 0.02
-"""Share of its initial value below which the pressure of a point counts as nearly gone."""
+"""Fraction of its initial value below which the pressure of a point counts as nearly gone."""
 TURNING = 0.02
 """Least stress ratio with which a direction of principal stress means something."""
 
 
-def quantile(values: Array, weights: Array, share: float = SHARE) -> float:
-    """Value that is exceeded on less than ``1 - share`` of the area."""
+def quantile(values: Array, weights: Array, fraction: float = FRACTION) -> float:
+    """Value that is exceeded on less than ``1 - fraction`` of the area."""
     if not len(values):
         return 0.0
     order = np.argsort(values, kind="stable")
-    place = np.searchsorted(np.cumsum(weights[order]), share * weights.sum() * (1.0 - 1e-12))
+    place = np.searchsorted(np.cumsum(weights[order]), fraction * weights.sum() * (1.0 - 1e-12))
     return float(values[order][min(place, len(values) - 1)])
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """What a path of stress does, each exceeded on less than 1 % of the area; shares are of the area.
+    """What a path of stress does, each exceeded on less than 1 % of the area; fractions are of the area.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Numbers:
         (2 P0/pi) times the way of the stress ratio plus P0 times the fall of ln p.
     stiffness_change : float
         First-order relative change of the stiffness: of moduli by that loss, of the coupling by a_c = P0 |ds|.
-    low_pressure_share : float
+    low_pressure_fraction : float
         Where the pressure falls nearly to zero.
     """
 
@@ -75,7 +75,7 @@ class Numbers:
     gain_bound: float
     loss: float
     stiffness_change: float
-    low_pressure_share: float
+    low_pressure_fraction: float
 
 
 def numbers(paths: Paths, materials: list[Material], closure: Any) -> Numbers:

@@ -1,7 +1,8 @@
 """One cheap elastic probe of a scene: how far stresses would go if nothing but the initial stiffness acted.
 
-A boundary-value problem takes one factorisation and one linear solve a stage (`fem.linear_course`), after which every
-integration point has its path of stress and strain, a chain of straight pieces. A point scene has its own path.
+A boundary-value problem takes one factorisation and one linear solve a stage
+(`granfabric.fem.equilibrium.linear_solution`), after which every integration point has its path of stress and strain, a
+chain of straight pieces. A point scene has its own path.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from granfabric.fem.accounting import Accounting
 from granfabric.fem.equilibrium.control import StepControl
-from granfabric.fem.equilibrium.linear_solution import CourseError, LinearCourse
+from granfabric.fem.equilibrium.linear_solution import LinearSolution, LinearSolutionError
 from granfabric.fem.equilibrium.residual import Equilibrium
 from granfabric.fem.loads.problem import Problem
 
@@ -44,7 +45,7 @@ class Paths:
     stress : ndarray, shape (nodes, npt, 3)
         Tension positive [Pa].
     weights : ndarray, shape (npt,)
-        Share of the area that each point stands for; they sum up to one.
+        Fraction of the area that each point stands for; they sum up to one.
     places : ndarray, shape (npt, 2)
         Coordinates [m].
     material_index : ndarray of int32, shape (npt,)
@@ -102,12 +103,12 @@ def field_paths(problem: Problem, control: StepControl) -> Paths:
     most = max(1, min(PIECES, MOST_NODES // len(problem.stages)))
     stride = 1 + (len(problem.stages) * most + 1) * problem.space.npoints // MOST_VALUES
     try:
-        course = LinearCourse(problem, system)
+        solution = LinearSolution(problem, system)
         stiffness = system.material.tangent_start
         stresses = [problem.initial_stress[::stride]]
         strains = [np.zeros_like(stresses[0])]
         for stage in problem.stages:
-            change = course.next_stage().strain[::stride]
+            change = solution.next_stage().strain[::stride]
             response = np.einsum("pij,pj->pi", stiffness[::stride], change)
             pieces = min(most, stage.increments)
             before, stress = strains[-1], stresses[-1]
@@ -116,7 +117,7 @@ def field_paths(problem: Problem, control: StepControl) -> Paths:
             for piece in range(1, pieces + 1):
                 strains.append(before + piece / pieces * change)
                 stresses.append(stress + piece / pieces * response)
-    except CourseError as error:
+    except LinearSolutionError as error:
         raise ProbeError(str(error)) from error
     weights = problem.space.weights[::stride]
     coordination, fabric = network_of_state(problem)

@@ -8,7 +8,7 @@ from typing import Any
 from granfabric.cases.scene.effects_choice import AUTO, FEEDBACK, MEMORY, SLIDING, SPREAD, all_names
 from granfabric.cases.terminal.screen import Screen
 
-from .decision import Decision, Judged
+from .decision import AssessedEffect, Decision
 from .numbers import Numbers
 
 MEANING = {"stress": "stress/p", "strain": "strain", "coordination": "z", "fabric": "a_c", "refused": "", "": ""}
@@ -47,7 +47,7 @@ def shown_error(value: float) -> str:
     return "not followed" if math.isinf(value) else "0" if value == 0.0 else f"{value:.1e}"
 
 
-def lines(decision: Decision, one_way: bool | None) -> list[str]:
+def lines(decision: Decision, uncoupled: bool | None) -> list[str]:
     """Three lines: what is on, what was left out and why that may be, what the probe saw."""
     shown = [name for name in decision.chosen.names() if name != MEMORY]
     first = f"effects: {', '.join(shown) or 'none'}; force_change = {decision.chosen.force_change}"
@@ -55,33 +55,33 @@ def lines(decision: Decision, one_way: bool | None) -> list[str]:
     if decision.numbers is None:
         off = [name for name in all_names() if name != MEMORY and not decision.chosen.has(name)]
         return [first, f"off: {', '.join(off) or 'nothing'}", f"no probe: {decision.note}"]
-    second = f"left out (error each): {', '.join(out) or 'nothing'}"
+    second = f"left out (estimated error of each): {', '.join(out) or 'nothing'}"
     if out:
         second += f"; together {shown_error(decision.error)}, tolerance {decision.tolerance:g}"
-    forced = [entry for entry in decision.judged if entry.asked is False and entry.error > decision.tolerance]
+    forced = [entry for entry in decision.assessed if entry.asked is False and entry.error > decision.tolerance]
     if forced:
         named = ", ".join(f"{entry.name} {shown_error(entry.error)}" for entry in forced)
-        second += f"; off as the scene says although it matters: {named}"
+        second += f"; switched off by the scene, error above the tolerance: {named}"
     facts = decision.numbers
     third = (
-        f"elastic probe: q/p to {facts.stress_ratio:.2g}, axes turn {facts.turn_degrees:.0f} deg, ln p "
+        f"elastic probe: q/p to {facts.stress_ratio:.2g}, principal stress rotation {facts.turn_degrees:.0f} deg, ln p "
         f"{-facts.pressure_fall:+.2g} to {facts.pressure_rise:+.2g}"
     )
-    if facts.low_pressure_share > 0.0:
-        third += f", pressure nearly gone on {facts.low_pressure_share:.1%} of the area"
-    if one_way is not None:
-        third += "; " + ("displacements by one linear solve a stage" if one_way else "stiffness follows the state")
+    if facts.low_pressure_fraction > 0.0:
+        third += f", pressure nearly gone on {facts.low_pressure_fraction:.1%} of the area"
+    if uncoupled is not None:
+        third += "; " + ("displacements by one linear solve a stage" if uncoupled else "stiffness follows the state")
     if decision.note:
         third += f"; {decision.note}"
     return [first, second, third]
 
 
 def table(decision: Decision, points: int) -> tuple[list[str], list[list[str]]]:
-    """Heads and rows: effect, on or off, the number that speaks for it, error of leaving it out and what errs, the same
-    at the worst point; what it costs next to the others that are on: state columns, memory, time of the point law."""
+    """Heads and rows: effect, on or off, the number that speaks for it, error of leaving it out and its quantity, the
+    same at the worst point; what it costs next to the others that are on: state columns, memory, time of the law."""
     heads = ["effect", "scene", "is", "number", "error", "of", "worst", "columns", "memory", "time"]
     rows = []
-    for entry in decision.judged:
+    for entry in decision.assessed:
         said = entry.asked if entry.asked == AUTO else str(entry.asked).lower()
         memory = 2 * 8 * entry.columns * points
         rows.append(
@@ -101,9 +101,9 @@ def table(decision: Decision, points: int) -> tuple[list[str], list[list[str]]]:
     return heads, rows
 
 
-def announce(decision: Decision, one_way: bool | None, screen: Screen) -> None:
+def announce(decision: Decision, uncoupled: bool | None, screen: Screen) -> None:
     """The three lines on screen."""
-    for text in lines(decision, one_way):
+    for text in lines(decision, uncoupled):
         screen.say(text)
 
 
@@ -117,13 +117,13 @@ def as_data(decision: Decision) -> dict[str, Any]:
         "tolerance": decision.tolerance,
         "error_left_out": finite(decision.error),
         "note": decision.note,
-        "refused_share": decision.refused_share,
+        "refused_fraction": decision.refused_fraction,
         "numbers": None if decision.numbers is None else vars(decision.numbers),
-        "effects": [_entry(entry, finite) for entry in decision.judged],
+        "effects": [_entry(entry, finite) for entry in decision.assessed],
     }
 
 
-def _entry(entry: Judged, finite: Any) -> dict[str, Any]:
+def _entry(entry: AssessedEffect, finite: Any) -> dict[str, Any]:
     return {
         "name": entry.name,
         "asked": entry.asked,

@@ -13,10 +13,10 @@ from granfabric.fem.loads.problem import Problem
 from .decision import Decision, decide_field, decide_point
 from .probe import index_of, network_of_state
 
-SETTLED = "the scene leaves nothing to decide"
+DECIDED_BY_SCENE = "the scene leaves nothing to decide"
 
 
-def settle_point(loaded: LoadedScene) -> tuple[LoadedScene, Decision]:
+def resolve_point(loaded: LoadedScene) -> tuple[LoadedScene, Decision]:
     """Decide a point scene.
 
     Raises
@@ -25,16 +25,16 @@ def settle_point(loaded: LoadedScene) -> tuple[LoadedScene, Decision]:
         If effects contradict each other.
     """
     effects_choice.check(loaded)
-    if effects_choice.is_settled(loaded.scene):
-        decision = Decision(effects_choice.everything(loaded.scene), note=SETTLED)
+    if effects_choice.is_decided(loaded.scene):
+        decision = Decision(effects_choice.everything(loaded.scene), note=DECIDED_BY_SCENE)
     elif loaded.scene.initial.state is not None:
         decision = Decision(effects_choice.everything(loaded.scene), note="initial.state tells what is carried")
     else:
         decision = decide_point(loaded)
-    return effects_choice.settled(loaded, decision.chosen), decision
+    return effects_choice.with_decided(loaded, decision.chosen), decision
 
 
-def settle_field(
+def resolve_field(
     loaded: LoadedScene, prepared: Prepared, earlier: dict[str, Any] | None = None, hasty: bool = False
 ) -> tuple[LoadedScene, Prepared, Decision]:
     """Decide a boundary-value problem, or take over what an earlier part of the run decided.
@@ -48,17 +48,17 @@ def settle_field(
     earlier : dict, optional
         Record of the run to go on with.
     hasty : bool
-        Do not probe, because the user wishes to stop.
+        Do not probe, because the user asks to stop.
     """
     if earlier is not None:
         decision = Decision(effects_choice.recorded(loaded.scene, earlier), note="as the run began")
-    elif effects_choice.is_settled(loaded.scene):
-        decision = Decision(effects_choice.everything(loaded.scene), note=SETTLED)
+    elif effects_choice.is_decided(loaded.scene):
+        decision = Decision(effects_choice.everything(loaded.scene), note=DECIDED_BY_SCENE)
     elif hasty:
         decision = Decision(effects_choice.everything(loaded.scene), note="stopped before it")
     else:
         decision = decide_field(loaded, prepared)
-    made = effects_choice.settled(loaded, decision.chosen)
+    made = effects_choice.with_decided(loaded, decision.chosen)
     return made, with_effects(made, prepared), decision
 
 

@@ -12,7 +12,7 @@ SPREAD_POINTS = 56
 
 
 def sample(paths: Paths) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Points and the share of the area that each stands for (zero for extremes).
+    """Points and the fraction of the area that each stands for (zero for extremes).
 
     The curve of `spread_over_area` keeps neighbours together: columns of the bounding box, up and down.
     """
@@ -22,8 +22,8 @@ def sample(paths: Paths) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     chosen = spread_over_area(paths.places, paths.weights, SPREAD_POINTS)
     extremes = np.setdiff1d(_extremes(paths), chosen)
     points = np.concatenate([chosen, extremes]).astype(np.int64)
-    shares = np.concatenate([np.full(len(chosen), 1.0 / len(chosen)), np.zeros(len(extremes))])
-    return points, shares
+    fractions = np.concatenate([np.full(len(chosen), 1.0 / len(chosen)), np.zeros(len(extremes))])
+    return points, fractions
 
 
 def spread_over_area(places: NDArray[np.float64], weights: NDArray[np.float64], number: int) -> NDArray[np.int64]:

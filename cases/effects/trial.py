@@ -52,7 +52,7 @@ class Trial:
     columns: int
 
 
-def loosened(integration: Integration, tolerance: float, directions: int = DIRECTIONS) -> Integration:
+def with_tolerance(integration: Integration, tolerance: float, directions: int = DIRECTIONS) -> Integration:
     """Numerics of a trial: errors well below the differences that are looked for, and a bound on the work."""
     return replace(
         integration,
@@ -138,7 +138,7 @@ def size_of_strain(strain: NDArray[Any]) -> NDArray[Any]:
 
 
 def differences(
-    reference: Trial, other: Trial, shares: Array, stiffness_of_points: Array | None = None
+    reference: Trial, other: Trial, fractions: Array, stiffness_of_points: Array | None = None
 ) -> dict[str, Array]:
     """How far two outcomes lie apart at each point: the largest along its way, as far as the reference came.
 
@@ -148,8 +148,8 @@ def differences(
     ----------
     reference, other : Trial
         Of the same paths.
-    shares : ndarray, shape (npt,)
-        Share of the area, for the scene's mean square of strain.
+    fractions : ndarray, shape (npt,)
+        Fraction of the area, for the scene's mean square of strain.
     stiffness_of_points : ndarray, shape (npt, 3, 3), optional
         If strain was prescribed: turns a difference of stress into the strain that it would have caused under
         prescribed loads. Without it strains are compared as they are.
@@ -166,7 +166,7 @@ def differences(
         strain = reference.strain - other.strain
     else:
         strain = np.linalg.solve(stiffness_of_points[None], stress[..., None])[..., 0]
-    square = (size_of_strain(reference.strain) ** 2 * shares).sum(axis=1)
+    square = (size_of_strain(reference.strain) ** 2 * fractions).sum(axis=1)
     scale = float(np.sqrt(square.max())) or 1.0
     found = {
         "stress": np.sqrt(stress[..., 0] ** 2 + stress[..., 1] ** 2 + 2.0 * stress[..., 2] ** 2) / pressure,

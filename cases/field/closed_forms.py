@@ -42,8 +42,8 @@ def thick_cylinder_stress(form: ThickCylinder, x: Array, y: Array) -> Array:
     """Lame's stress, shape (n, 3) [Pa] [Timoshenko & Goodier, Theory of Elasticity, 3rd ed. 1970, section 28]."""
     radius = np.hypot(x, y)
     uniform, decaying = _lame_constants(form)
-    share = decaying / radius**2
-    return _cartesian(uniform - share, uniform + share, np.zeros_like(x), x / radius, y / radius)
+    fraction = decaying / radius**2
+    return _cartesian(uniform - fraction, uniform + fraction, np.zeros_like(x), x / radius, y / radius)
 
 
 def thick_cylinder_displacement(form: ThickCylinder, x: Array, y: Array, bulk: float, shear: float) -> Array:

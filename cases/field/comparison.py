@@ -123,8 +123,8 @@ def write(folder: Path, record: Record, found: Comparison) -> None:
         files.write_text(folder / files.COMPARISON, files.csv_text(list(found.line), rows))
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %"
+def _percent(fraction: float) -> str:
+    return f"{100 * fraction:.2g} %"
 
 
 def report(record: Record, screen: Screen) -> None:

@@ -14,14 +14,19 @@ from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.imbalance import InitialImbalance, initial_imbalance
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.loads.problem import Problem
+from granfabric.fem.loads.supports import free_motions
 from granfabric.fem.vectors import Array
 
+from .adding_loads import adding
+
 WARNED = 1e-2
-"""Share of the nodal forces out of balance from which a run warns."""
+"""Fraction of the nodal forces out of balance from which a run warns."""
 IN_BALANCE = 1e-9
-"""Below this share only rounding and quadrature are out of balance."""
+"""Below this fraction only rounding and quadrature are out of balance."""
+STIFF = 3e6
+"""kn/p above which a pressure in kPa is suspected; packings of hard grains have 1e3 to 1e6."""
 RELEASED = 1e-9
-"""Reactions of released supports below this share of all nodal forces are not worth a line."""
+"""Reactions of released supports below this fraction of all nodal forces are not worth a line."""
 
 
 class Balance:
@@ -57,13 +62,13 @@ class Balance:
         """
         if self.referenced:
             return False
-        far = self.found.share > WARNED
-        return far and (self.starts_loaded or self.found.share_at_end > WARNED)
+        far = self.found.fraction > WARNED
+        return far and (self.starts_loaded or self.found.fraction_at_end > WARNED)
 
     def amount(self) -> str:
         """How much is out of balance, and where."""
         x, y = self.found.place
-        return f"out of balance by {percent(self.found.share)} of the nodal forces, most near ({x:.4g}, {y:.4g}) m"
+        return f"out of balance by {percent(self.found.fraction)} of the nodal forces, most near ({x:.4g}, {y:.4g}) m"
 
     def fate(self) -> str:
         """What happens to the imbalance."""
@@ -71,7 +76,7 @@ class Balance:
             return "constant reference forces balance it from the outset to the end (initial.balance = true)"
         if self.starts_loaded:
             return f'it fades out over stage "{self.stage}"'
-        rest = self.found.share_at_end
+        rest = self.found.fraction_at_end
         loads = "balance it" if rest <= WARNED else f"leave {percent(rest)} unbalanced"
         return (
             f'it fades out over stage "{self.stage}", at whose end the loads {loads} (none acts at the outset, because '
@@ -80,8 +85,8 @@ class Balance:
 
     def text(self) -> str:
         """The line that is said before the first step."""
-        if self.found.share <= IN_BALANCE:
-            return f"initial stress and loads are in balance (to {self.found.share:.0e} of the nodal forces)"
+        if self.found.fraction <= IN_BALANCE:
+            return f"initial stress and loads are in balance (to {self.found.fraction:.0e} of the nodal forces)"
         warning = "warning: " if self.warned else ""
         return f"{warning}initial stress and loads are {self.amount()}; {self.fate()}"
 
@@ -96,14 +101,14 @@ class Balance:
         """For `run.json`."""
         found = self.found
         return {
-            "share": found.share,
-            "share_at_end_of_first_stage": found.share_at_end,
+            "fraction": found.fraction,
+            "fraction_at_end_of_first_stage": found.fraction_at_end,
             "place": list(found.place),
             "sum": found.total,
             "sum_of_acting": found.acting,
             "resultant": list(found.resultant),
             "warned": self.warned,
-            "fate": self.fate() if found.share > IN_BALANCE else "in balance",
+            "fate": self.fate() if found.fraction > IN_BALANCE else "in balance",
         }
 
     def release(self, step: StepResult) -> dict[str, Any] | None:
@@ -119,21 +124,22 @@ class Balance:
         return {"stage": step.stage, "sum": size, "resultant": fading.sum(axis=0).tolist()}
 
 
-def percent(share: float) -> str:
-    """A share in percent, without more digits than it deserves."""
-    value = 100.0 * share
+def percent(fraction: float) -> str:
+    """A fraction in percent, without more digits than it deserves."""
+    value = 100.0 * fraction
     return f"{value:.0f} %" if value >= 9.95 else f"{value:.2g} %" if value >= 1e-2 else f"{value:.0e} %"
 
 
 def announce(balance: Balance, loaded: LoadedScene, problem: Problem, record: Record, screen: Screen) -> None:
-    """Say and record how the initial state is balanced, and which loads pull."""
+    """Say and record how the initial state is balanced; say which loads are tensile, and which add to others."""
     record.details["initial_imbalance"] = balance.as_data()
     screen.say(balance.text())
-    for text in pulling(loaded, problem):
+    slips = (*unheld(loaded, problem), *unchanged(loaded), *soft(loaded, problem), *pulling(loaded, problem))
+    for text in (*slips, *adding(loaded, problem.space.host_mesh)):
         screen.say(text)
 
 
-def take_up(balance: Balance, earlier: dict[str, Any], record: Record) -> None:
+def continue_from(balance: Balance, earlier: dict[str, Any], record: Record) -> None:
     """Go on with what the earlier part of a run told about released supports."""
     told = [entry for entry in earlier.get("released", []) if isinstance(entry, dict) and "stage" in entry]
     if told:
@@ -155,10 +161,46 @@ def report_release(balance: Balance, step: StepResult, record: Record, screen: S
     )
 
 
-def pulling(loaded: LoadedScene, problem: Problem) -> list[str]:
-    """A warning for each pressure or traction that pulls somewhere on its boundary: grains hold no tension.
+def unheld(loaded: LoadedScene, problem: Problem) -> list[str]:
+    """A warning for the first stage in which a mesh of one body is free to move as a rigid body."""
+    for place, free in enumerate(free_motions(problem.space, problem.program.terms)):
+        if free:
+            where = loaded.label(["stage", place])
+            return [
+                f"warning: {where}: the supports leave the body free to {free}; hold it by fixed, displacement or "
+                "fixed_point"
+            ]
+    return []
 
-    A traction is judged by itself, so only where no pressure acts as well.
+
+def unchanged(loaded: LoadedScene) -> list[str]:
+    """A warning for each stage after the first that sets neither a load nor a support, and releases none."""
+    kinds = ("fixed", "fixed_point", "displacement", "pressure", "traction", "body_force", "closed_form")
+    return [
+        f"warning: {loaded.label(['stage', place])}: the stage has no loads: nothing changes in it (it may have "
+        f"{', '.join(kinds)})"
+        for place, stage in enumerate(loaded.scene.stage)
+        if place and stage.keep and not any(getattr(stage, kind) for kind in kinds)
+    ]
+
+
+def soft(loaded: LoadedScene, problem: Problem) -> list[str]:
+    """A warning if contacts are so stiff for the initial pressure that a unit must have been taken for another."""
+    pressure = float(-0.5 * (problem.initial_stress[:, 0] + problem.initial_stress[:, 1]).mean())
+    materials = list(loaded.scene.materials.values()) or [loaded.scene.material]
+    ratio = max(material.normal_stiffness for material in materials) / pressure if pressure > 0.0 else 0.0
+    if ratio <= STIFF:
+        return []
+    return [
+        f"warning: mean initial pressure {pressure:.4g} Pa, kn/p = {ratio:.1g}: stresses are in Pa, not kPa (100 kPa "
+        "is 100e3)"
+    ]
+
+
+def pulling(loaded: LoadedScene, problem: Problem) -> list[str]:
+    """A warning for each pressure or traction that is tensile somewhere on its boundary: grains carry no tension.
+
+    A traction is assessed by itself, so only where no pressure acts as well.
     """
     said = []
     stages = loaded.scene.stage
@@ -170,14 +212,14 @@ def pulling(loaded: LoadedScene, problem: Problem) -> list[str]:
             if _is_below(values.min(initial=0.0), np.abs(values).max(initial=0.0)):
                 where = loaded.label(["stage", place, "pressure", number])
                 said.append(
-                    f"warning: {where}: the pressure on {load.boundary!r} is {values.min():.4g} Pa, which pulls: "
+                    f"warning: {where}: the pressure on {load.boundary!r} is {values.min():.4g} Pa, tension: "
                     "pressure is compression positive"
                 )
         for number, load in enumerate(stage.traction):
             outward = _outward(problem.space, load.boundary, load.value)
             if load.boundary not in pressed and _is_below(-outward, float(np.hypot(*load.value))):
                 where = loaded.label(["stage", place, "traction", number])
-                said.append(f"warning: {where}: the traction on {load.boundary!r} pulls with {outward:.4g} Pa")
+                said.append(f"warning: {where}: the traction on {load.boundary!r} is tensile, {outward:.4g} Pa")
     return said
 
 

@@ -23,7 +23,7 @@ def stress(loaded: LoadedScene, points: Array) -> Array:
     Raises
     ------
     InputError
-        If it does not press in every direction somewhere.
+        If it is not compressive in every direction everywhere.
     """
     initial = loaded.scene.initial
     offset = points - np.asarray(initial.reference_point)
@@ -35,8 +35,9 @@ def stress(loaded: LoadedScene, points: Array) -> Array:
         x, y = points[worst]
         raise loaded.error(
             ["initial"],
-            f"initial: the stress has to press in every direction (tension is positive), but at ({x:.4g}, {y:.4g}) m "
-            f"the mean pressure {pressure[worst]:.4g} Pa is not above the deviator {deviator[worst]:.4g} Pa",
+            "initial: the stress must be compressive in every direction (tension is positive), but at "
+            f"({x:.4g}, {y:.4g}) m the mean pressure {pressure[worst]:.4g} Pa is not above the deviator "
+            f"{deviator[worst]:.4g} Pa",
         )
     return values
 

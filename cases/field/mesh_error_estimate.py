@@ -1,4 +1,4 @@
-"""What the mesh of a finished field run errs by: into its record, as a field for ParaView, and said in one line."""
+"""Estimated error of the mesh of a finished field run: in its record, as a field for ParaView, and in one line."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.loads.problem import Problem
 
 
-def judge(folder: Path, record: Record, problem: Problem, last: StepResult) -> None:
+def estimate(folder: Path, record: Record, problem: Problem, last: StepResult) -> None:
     """Estimate the error of the stress change at the end of a run.
 
-    Writes `mesh_error.vtu`: for each cell `stress_error`, its share of the error (the squares add up to that of the
+    Writes `mesh_error.vtu`: for each cell `stress_error`, its fraction of the error (the squares add up to that of the
     whole). The record gets `mesh_error`: `stress`, the relative error, and `place`, the centre of the worst cell [m].
     """
     space = problem.space
@@ -35,11 +35,11 @@ def judge(folder: Path, record: Record, problem: Problem, last: StepResult) -> N
 
 
 def report(record: Record, screen: Screen) -> None:
-    """Say what the mesh errs by, if it was judged."""
+    """Say the estimated error of the mesh, if there is one."""
     found = record.details.get("mesh_error")
     if found is not None:
         x, y = found["place"]
         screen.say(
-            f"mesh: stress changes err by about {100 * found['stress']:.2g} % of their norm (estimate), most near "
+            f"mesh: estimated error of the stress changes {100 * found['stress']:.2g} % of their norm, largest near "
             f"({x:.3g}, {y:.3g}) m: {files.MESH_ERROR}"
         )

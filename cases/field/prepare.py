@@ -118,6 +118,15 @@ class Prepared:
     effects: Any
 
 
+def _of_stage(loaded: LoadedScene, text: str) -> str:
+    """What the host says about a stage, with the stage as a user counts it."""
+    for number, stage in enumerate(loaded.scene.stage):
+        begin = f"stage {stage.name!r}"
+        if text.startswith((f"{begin}: ", f"{begin} ")):
+            return loaded.label(["stage", number]) + text[len(begin) :]
+    return f"stage: {text}"
+
+
 def prepare(loaded: LoadedScene) -> Prepared:
     """Check everything about a field scene that can be checked before computing.
 
@@ -149,7 +158,7 @@ def prepare(loaded: LoadedScene) -> Prepared:
             balance_initial_stress=scene.initial.balance,
         )
     except (LoadError, MeshError) as error:
-        raise loaded.error(["stage"], f"stage: {error}") from error
+        raise loaded.error(["stage"], _of_stage(loaded, str(error))) from error
     try:
         control = StepControl(**scene.solver.model_dump())
     except ControlError as error:

@@ -106,7 +106,7 @@ def _overview(folder: Path, columns: Columns, scene: dict[str, Any]) -> Path:
         change.axhline(0.0, color=BLACK, linewidth=0.8)
         change.plot(x, columns["fabric_lost"], color=ORANGE, linewidth=4.5, alpha=0.75, label="lost")
         change.plot(x, columns["fabric_gained"], color=SKY, label="gained")
-        change.plot(x, columns["fabric_persisting"], color=GREEN, label="persisting (turned)")
+        change.plot(x, columns["fabric_persisting"], color=GREEN, label="persisting (rotated)")
         change.plot(x, net, color=BLACK, linestyle=(0, (5, 3)), label="net")
         change.set(title="(e) fabric change by contacts", ylabel="change of $a_c$ [-]")
         late = slice(1, None)
@@ -117,7 +117,7 @@ def _overview(folder: Path, columns: Columns, scene: dict[str, Any]) -> Path:
             if (columns[name][late] > 0.0).any():  # without contacts there is no unbalanced force
                 quality.semilogy(x[late], columns[name][late], color=colour, label=text)
             quality.axhline(limits[name], color=colour, linestyle=":", linewidth=1.2)
-        quality.set(title="(f) quasi-static? limits dotted", ylabel="[-]")
+        quality.set(title="(f) quasi-static limits (dotted)", ylabel="[-]")
         for one in axes:
             one.set_xlabel(label)
             one.legend(fontsize=8)

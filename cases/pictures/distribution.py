@@ -80,9 +80,9 @@ def draw_small_gaps(axes: Any, xi: NDArray[np.float64], gaps: GapDistribution) -
 
 
 def _power_law(axes: Any, gaps: GapDistribution, x: NDArray[np.float64]) -> None:
-    """The power law of the small gaps, with the share of all gaps that lies in its window."""
+    """The power law of the small gaps, with the fraction of all gaps that lies in its window."""
     width = float(np.diff(gaps.density.value).mean())
-    share = width * float(gaps.density.density[gaps.density.value < gaps.window].sum())
+    fraction = width * float(gaps.density.density[gaps.density.value < gaps.window].sum())
     b = gaps.small_gap_exponent
-    density = share * (1.0 - b) / gaps.window ** (1.0 - b) * x**-b
+    density = fraction * (1.0 - b) / gaps.window ** (1.0 - b) * x**-b
     axes.plot(x, density, color=BLACK, linestyle=":", label=rf"power law $\xi^{{-{b:.2f}}}$ on the same range")

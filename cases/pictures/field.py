@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from granfabric.cases.records import series
 
-from .maps import chosen_maps, draw_map, wide
+from .maps import chosen_maps, draw_map, is_wide
 from .style import BLACK, BLUE, RED, picture
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ def draw_field(folder: Path, columns: dict[str, NDArray[Any]], scene: dict[str, 
     last, cloud = series.read(fields), series.read(points)
     start = last if first is None else series.read(first)
     maps = chosen_maps(list(output.get("maps", [])), last)
-    above = wide(last)
+    above = is_wide(last)
     rows, across = (len(maps), 1) if above else (1, len(maps))
     width, height = (11.0, max(6.0, 3.4 * len(maps))) if above else (5.5 + 3.75 * len(maps), 6.0)
     with picture(path, width, height) as figure:

@@ -22,8 +22,8 @@ GLYPHS_ALONG = 16
 WIDE = 0.8
 """Width over height from which maps lie above each other."""
 CONTOURS = 9
-SHARE_DRAWN = 0.995
-"""Colours end where this share of the nodes ends, on either side: a singular corner does not grey out the rest."""
+FRACTION_DRAWN = 0.995
+"""Colours end where this fraction of the nodes ends, on either side: a singular corner does not grey out the rest."""
 
 
 def _magnitude(mesh: Any, name: str) -> Array:
@@ -92,7 +92,7 @@ MAPS: dict[str, Map] = {
 }
 
 
-def wide(mesh: Any) -> bool:
+def is_wide(mesh: Any) -> bool:
     """Whether the body is so wide that maps lie above each other."""
     size = np.ptp(mesh.points[:, :2], axis=0)
     return bool(size[0] > WIDE * size[1])
@@ -112,7 +112,7 @@ def draw_map(figure: Any, axes: Any, name: str, last: Any, first: Any, cloud: An
     what = MAPS[name]
     values = what.values(last, first)
     grid = Triangulation(last.points[:, 0], last.points[:, 1], series.triangles(last))
-    low, high = (float(bound) for bound in np.quantile(values, [1 - SHARE_DRAWN, SHARE_DRAWN]))
+    low, high = (float(bound) for bound in np.quantile(values, [1 - FRACTION_DRAWN, FRACTION_DRAWN]))
     flat = high - low < 1e-9 * max(abs(high), 1e-12)
     if flat:  # a homogeneous field gets one colour, not magnified rounding
         middle = (low + high) / 2
@@ -124,7 +124,7 @@ def draw_map(figure: Any, axes: Any, name: str, last: Any, first: Any, cloud: An
         levels = np.linspace(low, high, CONTOURS + 2)[1:-1]
         axes.tricontour(grid, values, levels=levels, colors=BLACK, linewidths=0.5, linestyles="solid", alpha=0.45)
     # As high as the map where maps lie above each other; the layout keeps room for bars only between maps side by side.
-    where = {"cax": axes.inset_axes((1.03, 0.0, 0.05, 1.0))} if wide(last) else {"ax": axes, "shrink": 0.85}
+    where = {"cax": axes.inset_axes((1.03, 0.0, 0.05, 1.0))} if is_wide(last) else {"ax": axes, "shrink": 0.85}
     bar = figure.colorbar(shading, label=what.label, extend=extend, **where)
     bar.formatter.set_useOffset(False)
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title=what.title)

@@ -60,7 +60,7 @@ class FieldHistory:
         self._supported = supported
         self.rows: list[list[Any]] = []
 
-    def take_up(self, names: list[str], rows: list[list[Any]]) -> None:
+    def continue_from(self, names: list[str], rows: list[list[Any]]) -> None:
         """Go on after rows of an earlier part of the run.
 
         Raises

@@ -70,7 +70,7 @@ class FieldRecorder:
         self._last = resumed.result
         done = self._last.step
         # A linear problem passes over the steps between results.
-        take_up_history(folder, history, done, problem.law.description.linear_response)
+        continue_history(folder, history, done, problem.law.description.linear_response)
         try:
             self._writer = FieldWriter(
                 folder, problem.space, problem.law.description, lambda step: step <= done and self._due(step)
@@ -120,7 +120,7 @@ class FieldRecorder:
         self._written = step.step
 
 
-def take_up_history(folder: Path, history: FieldHistory, last: int, gaps: bool = False) -> None:
+def continue_history(folder: Path, history: FieldHistory, last: int, gaps: bool = False) -> None:
     """Rows of `history.csv` up to a step; what was written beyond it will be computed again.
 
     With `gaps`, not every step has a row.
@@ -136,7 +136,7 @@ def take_up_history(folder: Path, history: FieldHistory, last: int, gaps: bool =
         rows = [[_value(cell) for cell in line] for line in lines[: last + 1]]
         if gaps:
             rows = [row for row in rows if row[0] <= last]
-        history.take_up(names, rows)
+        history.continue_from(names, rows)
     except (OSError, ValueError, TypeError, IndexError, csv.Error) as error:
         raise InputError(f"cannot go on: {path} cannot be used ({error})") from error
     whole = all(len(row) == len(names) for row in rows) and all(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.cases.errors import InputError
-from granfabric.fem.mesh.foreign_files import ForeignFileError, guarded
+from granfabric.fem.mesh.foreign_files import ForeignFileError, foreign_reader
 
 Array = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ def read(file: Path, required: Sequence[str] = DRAWN) -> Any:
         If it cannot be read.
     """
     try:
-        with guarded(file.stat().st_size):
+        with foreign_reader(file.stat().st_size):
             mesh = meshio.vtu.read(str(file))
     except (ForeignFileError, OSError) as error:
         raise InputError(f"{file} cannot be read: {error}") from error

@@ -52,7 +52,7 @@ def find(scene: str) -> Path:
     Raises
     ------
     InputError
-        If there is nothing of that name.
+        If there is nothing of that name, or it is a mesh.
     """
     path = Path(scene)
     looks_like_path = path.suffix == ".toml" or len(path.parts) > 1 or scene.startswith(".")
@@ -69,6 +69,11 @@ def find(scene: str) -> Path:
         return files[0]
     if not path.exists():
         raise InputError(f"the scene file {scene!r} does not exist")
+    if path.suffix.lower() == ".msh":
+        raise InputError(
+            f"{scene!r} is a mesh and no scene: `granfabric mesh {scene}` shows it, and a scene takes it by "
+            f'[mesh] file = "{path.name}"'
+        )
     return path
 
 

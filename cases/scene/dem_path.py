@@ -126,13 +126,13 @@ def _components(leg: DemLeg, stress: _Stress) -> list[Segment]:
             stress.ratio = None
         else:
             raise PathError(
-                f"the target stress has to press in every direction: p = {p:g} Pa is not above q = {q:g} Pa"
+                f"the target stress must be compressive in every direction: p = {p:g} Pa is not above q = {q:g} Pa"
             )
     else:
         for axis, entry, value in zip("xy", control, target):
             if entry == "stress" and not leg.relative and not value < 0.0:
                 raise PathError(
-                    f"a stress of {value:g} Pa along {axis} does not press: the sample would lose its pressure "
+                    f"a stress of {value:g} Pa along {axis} is not compressive: the sample would lose its pressure "
                     "(tension is positive)"
                 )
         stress.ratio = None

@@ -140,7 +140,7 @@ def check(loaded: LoadedScene) -> None:
         )
 
 
-def settled(loaded: LoadedScene, chosen: EffectSet) -> LoadedScene:
+def with_decided(loaded: LoadedScene, chosen: EffectSet) -> LoadedScene:
     """The scene with every effect and the closure decided."""
     scene = loaded.scene
     effects = scene.effects.model_copy(update={name: chosen.has(name) for name in Effects.names()})
@@ -148,7 +148,7 @@ def settled(loaded: LoadedScene, chosen: EffectSet) -> LoadedScene:
     return replace(loaded, scene=scene.model_copy(update={"effects": effects, "closure": closure}))
 
 
-def is_settled(scene: Any) -> bool:
+def is_decided(scene: Any) -> bool:
     """Whether a scene leaves nothing to decide."""
     return all(asked(scene, name) != AUTO for name in all_names())
 

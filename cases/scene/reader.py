@@ -21,7 +21,7 @@ from .material_file import read_material
 from .owner import Owner
 from .schema import MODELS, TABLE_LISTS, Scene
 from .toml_file import read_table
-from .validation_messages import sentences
+from .validation_messages import messages
 
 BARE_WORD = re.compile(r"(?:\.{0,2}/)*[A-Za-z_][A-Za-z0-9_./-]*")
 """A value of `--set` that is not TOML but looks like this is taken as text: the shell needs no double quotes."""
@@ -76,6 +76,11 @@ class LoadedScene:
         """A key as a user counts it, see `keys.label`."""
         return label(keys, self.scene)
 
+    @property
+    def called(self) -> str:
+        """What a command finds the scene by: its name if it is shipped, else its file."""
+        return self.name if self.file.is_relative_to(catalogue.HOME) else str(self.file)
+
     def require(self, kind: str) -> None:
         """See that the scene is of a kind.
 
@@ -87,7 +92,7 @@ class LoadedScene:
         if self.scene.kind != kind:
             raise InputError(
                 f"{self.file}: kind = {self.scene.kind!r} is not {KIND_NAMES[kind]}; "
-                f"use `granfabric {COMMANDS[self.scene.kind]} {self.name}`"
+                f"use `granfabric {COMMANDS[self.scene.kind]} {self.called}`"
             )
 
     def error(self, keys: Sequence[Any], text: str) -> InputError:
@@ -218,7 +223,7 @@ def check(
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        found = sentences(error, model, table)
+        found = messages(error, model, table)
         raise several([f"{_origin(file, assigned, keys, included, text)}: {text}" for keys, text in found]) from error
 
 

@@ -23,7 +23,7 @@ class Initial(Section):
         pressure, deviator = -(xx / 2 + yy / 2), math.hypot(xx / 2 - yy / 2, xy)
         if not pressure > deviator:
             raise ValueError(
-                f"the initial stress has to press in every direction (tension is positive): mean pressure "
+                f"the initial stress must be compressive in every direction (tension is positive): mean pressure "
                 f"{pressure:g} Pa is not above the deviator {deviator:g} Pa; for a pressure of 100 kPa write "
                 "[-100e3, -100e3, 0.0]"
             )

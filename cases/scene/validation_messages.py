@@ -28,6 +28,26 @@ GRAVITY = ("extra_forbidden", "missing")
 MISSPELLED = 0.6
 """Likeness of two names (0 to 1) from which one is taken for the other misspelled."""
 
+COUNTERPARTS = {
+    "friction_angle": ("peak_stress_ratio", "the sine of the friction angle"),
+    "phi": ("solid_fraction", "the friction angle is peak_stress_ratio, its sine"),
+    "cohesion": ("apparent_cohesion", "distance of the cone from its apex"),
+    "dilatancy_angle": ("dilatancy", "of the stress-dilatancy rule"),
+    "dilation_angle": ("dilatancy", "of the stress-dilatancy rule"),
+    "void_ratio": ("solid_fraction", "1/(1 + e)"),
+    "porosity": ("solid_fraction", "1 - n"),
+    "youngs_modulus": ("normal_stiffness", "of a contact; moduli follow from it, z and the solid fraction"),
+    "young_modulus": ("normal_stiffness", "of a contact; moduli follow from it, z and the solid fraction"),
+    "shear_modulus": ("normal_stiffness", "of a contact; moduli follow from it, z and the solid fraction"),
+    "bulk_modulus": ("normal_stiffness", "of a contact; moduli follow from it, z and the solid fraction"),
+    "poisson_ratio": ("stiffness_ratio", "kt/kn of a contact"),
+    "poissons_ratio": ("stiffness_ratio", "kt/kn of a contact"),
+    "unit_weight": ("body_force", "[0.0, -18e3] N/m3 for 18 kN/m3"),
+    "gravity": ("body_force", "force per volume, [0.0, -18e3] N/m3 for 18 kN/m3"),
+    "direction": ("component", "x or y"),
+}
+"""Keys that continuum codes have, with the key that takes their place here and what it is."""
+
 
 def _models(annotation: Any) -> list[type[BaseModel]]:
     """All pydantic models inside an annotation such as ``list[X] | None``."""
@@ -85,7 +105,7 @@ def _is_union_member(part: Any) -> bool:
     return text in {"bool", "float", "int", "str", "none"} or text.startswith(("literal[", "list[", "constrained"))
 
 
-def sentences(error: ValidationError, model: type[BaseModel], data: Any) -> list[tuple[list[Any], str]]:
+def messages(error: ValidationError, model: type[BaseModel], data: Any) -> list[tuple[list[Any], str]]:
     """Key and sentence of every error, unknown and missing keys first.
 
     A key that is missing because another one stands there misspelled is not told a second time.
@@ -113,8 +133,10 @@ def sentences(error: ValidationError, model: type[BaseModel], data: Any) -> list
         keys, owner, declaration = walk(model, problem["loc"])
         if problem["type"] == "extra_forbidden" and owner is not None:
             given = str(keys[-1])[:LONGEST_NAME]
-            near = nearest(given, owner.model_fields)
-            if near is not None and SequenceMatcher(None, given, near).ratio() >= MISSPELLED:
+            counterpart, _ = COUNTERPARTS.get(given.lower(), ("", ""))
+            known = counterpart in owner.model_fields
+            near = counterpart if known else nearest(given, owner.model_fields)
+            if near is not None and (known or SequenceMatcher(None, given, near).ratio() >= MISSPELLED):
                 meant.add((*keys[:-1], near))
         if tuple(keys) in found or (problem["type"] == "missing" and tuple(keys) in meant):
             continue
@@ -124,17 +146,21 @@ def sentences(error: ValidationError, model: type[BaseModel], data: Any) -> list
 
 def _describe(problem: Any, keys: list[Any], owner: type[BaseModel] | None, declaration: Any, data: Any) -> str:
     place, key = split(keys, data)
-    text = _complaint(problem, place, key, keys, owner, declaration)
+    text = _message(problem, place, key, keys, owner, declaration)
     return f"{place}: {text}" if place else text
 
 
-def _complaint(
+def _message(
     problem: Any, place: str, key: str, keys: list[Any], owner: type[BaseModel] | None, declaration: Any
 ) -> str:
     kind, context, value = problem["type"], problem.get("ctx", {}), problem["input"]
     if kind == "extra_forbidden":
         legal = list(owner.model_fields) if owner is not None else []
-        return unknown("the key", key, legal, spelled=str(keys[-1]))
+        given = str(keys[-1])
+        counterpart, meaning = COUNTERPARTS.get(given.lower(), ("", ""))
+        if counterpart in legal:
+            return f"{unknown('the key', key, legal, spelled=counterpart)} ({meaning})"
+        return unknown("the key", key, legal, spelled=given)
     if kind == "missing":
         meaning = f" ({declaration.description})" if declaration is not None and declaration.description else ""
         return f"{key!r} is missing{meaning}"
@@ -158,9 +184,12 @@ def _complaint(
         wanted = (
             f"exactly {least}" if least == most else f"at least {least}" if kind == "too_short" else f"at most {most}"
         )
-        return f"{key} = {shown} has {context['actual_length']} entries, it needs {wanted}"
+        of = "characters" if isinstance(value, str) else "entries"
+        return f"{key} = {shown} has {context['actual_length']} {of}, it needs {wanted}"
     if kind in TYPE_NAMES:
-        return f"{key} = {shown} is not {TYPE_NAMES[kind]}"
+        described = kind == "list_type" and declaration is not None and declaration.description
+        meaning = f" ({declaration.description})" if described else ""
+        return f"{key} = {shown} is not {TYPE_NAMES[kind]}{meaning}"
     return f"{key} = {shown} is not legal: {problem['msg'][:1].lower()}{problem['msg'][1:]}"
 
 

@@ -1,4 +1,4 @@
-"""Ctrl-C as a wish to stop after the step under way, not as an accident."""
+"""Ctrl-C as a request to stop after the step under way, not as an accident."""
 
 from __future__ import annotations
 
@@ -9,44 +9,44 @@ from contextlib import contextmanager
 from typing import Any
 
 
-class StopWish:
+class InterruptRequest:
     """Becomes true at the first Ctrl-C; the second one interrupts at once, unless something would be lost by it.
 
     Attributes
     ----------
-    wished : bool
+    requested : bool
     shielded : bool
         While set, no Ctrl-C interrupts: what was computed is in memory only, and writing it takes a moment.
     """
 
     def __init__(self, announce: Callable[[], None]) -> None:
-        self.wished = False
+        self.requested = False
         self.shielded = False
         self._announce = announce
 
     def __call__(self) -> bool:
         """Whether to stop after this step."""
-        return self.wished
+        return self.requested
 
     def _on_signal(self, number: int, frame: Any) -> None:
-        if self.wished:
+        if self.requested:
             if self.shielded:
                 return
             raise KeyboardInterrupt
-        self.wished = True
+        self.requested = True
         self._announce()
 
 
 @contextmanager
-def stop_wish(announce: Callable[[], None]) -> Iterator[StopWish]:
+def interrupt_request(announce: Callable[[], None]) -> Iterator[InterruptRequest]:
     """Catch Ctrl-C and a polite kill (SIGINT, SIGTERM) inside the block. Outside the main thread nothing is caught."""
-    wish = StopWish(announce)
+    request = InterruptRequest(announce)
     if threading.current_thread() is not threading.main_thread():
-        yield wish
+        yield request
         return
-    before = {number: signal.signal(number, wish._on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, request._on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield wish
+        yield request
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -18,7 +18,7 @@ PLAIN_WIDTH = 130
 """Least width of tables that go to a file or a pipe."""
 ROOMS = ("constitutive", "fem", "dem_ref", "cases")
 """Loggers whose messages belong to a run."""
-NOTED_SHARE = 0.01
+NOTED_FRACTION = 0.01
 """Progress between two lines on it, of the whole."""
 
 
@@ -131,10 +131,10 @@ class Screen:
             def advance(completed: float, text: str) -> None:
                 nonlocal noted, said
                 bar.update(task, completed=completed, text=text)
-                share = completed / total if total else 1.0
-                if self.verbose and text != said and (share >= noted + NOTED_SHARE or share < noted):
-                    noted, said = share, text
-                    self.note(f"{what}: {share:.0%}, {text}")
+                fraction = completed / total if total else 1.0
+                if self.verbose and text != said and (fraction >= noted + NOTED_FRACTION or fraction < noted):
+                    noted, said = fraction, text
+                    self.note(f"{what}: {fraction:.0%}, {text}")
 
             yield advance
 
@@ -142,7 +142,7 @@ class Screen:
         """Short table, numbers to the right, columns of words to the left."""
         table = Table(box=None, pad_edge=False)
         for name in names:
-            table.add_column(name, justify="left" if name in words else "right", no_wrap=True)
+            table.add_column(Text(name), justify="left" if name in words else "right", no_wrap=True)
         for row in rows:
             table.add_row(*(Text(cell) for cell in row))  # names with brackets are no markup
         if not self.quiet:

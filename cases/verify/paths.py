@@ -1,6 +1,7 @@
 """Both sides of the comparison along paths that turn: cycles of q/p with a reversal, a turn of the principal axes.
 
-The point law is driven along the stresses that the DEM recorded; both are compared at the same share of every segment.
+The point law is driven along the stresses that the DEM recorded; both are compared at the same fraction of every
+segment.
 """
 
 from __future__ import annotations
@@ -38,9 +39,9 @@ PATHS: dict[str, tuple[str, tuple[Segment, ...]]] = {
 """By name: what it is, and its segments."""
 
 QUANTITIES = ("coordination", "fabric_along", "fabric_across", "normal_along", "tangential_along", "mean_normal_force")
-SHARES = np.linspace(0.0, 1.0, 11)
+FRACTIONS = np.linspace(0.0, 1.0, 11)
 """Where a segment is compared."""
-TABLE_SHARES = (0.5, 1.0)
+TABLE_FRACTIONS = (0.5, 1.0)
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class PathRow:
     path, closure, quantity : str
     segment : int
         From 1.
-    share : float
+    fraction : float
         Of the segment's stress path.
     stress_ratio, angle : float
         Signed q/p along the axis of first loading; direction of the major compression from it [degrees].
@@ -63,7 +64,7 @@ class PathRow:
     closure: str
     quantity: str
     segment: int
-    share: float
+    fraction: float
     stress_ratio: float
     angle: float
     dem: float
@@ -81,7 +82,7 @@ PATH_COLUMNS = tuple(entry.name for entry in fields(PathRow))
 
 
 def positions(history: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Records (as floats) and segments at `SHARES` of every segment; shape (nsegments * nshares,) each."""
+    """Records (as floats) and segments at `FRACTIONS` of every segment; shape (nsegments * nfractions,) each."""
     segment = history["segment"].astype(int)
     stress = np.column_stack([history["stress_xx"] - history["stress_yy"], 2.0 * history["stress_xy"]])
     places, numbers = [], []
@@ -91,8 +92,8 @@ def positions(history: Mapping[str, Array]) -> tuple[Array, Array]:
         last = int(np.flatnonzero(segment > number)[0])
         moved = np.hypot(*np.diff(stress[first : last + 1], axis=0).T)
         length = np.concatenate([[0.0], np.cumsum(moved)])
-        places.append(np.interp(SHARES * length[-1], length, np.arange(first, last + 1)))
-        numbers.append(np.full(len(SHARES), number + 1))
+        places.append(np.interp(FRACTIONS * length[-1], length, np.arange(first, last + 1)))
+        numbers.append(np.full(len(FRACTIONS), number + 1))
     return np.concatenate(places), np.concatenate(numbers)
 
 
@@ -155,9 +156,9 @@ def compare_path(
     stress_ratio: Array,
     angle: Array,
 ) -> list[PathRow]:
-    """Rows at `TABLE_SHARES` of every segment, from samples of every packing."""
+    """Rows at `TABLE_FRACTIONS` of every segment, from samples of every packing."""
     rows = []
-    wanted = [place for place in range(len(segments)) if SHARES[place % len(SHARES)] in TABLE_SHARES]
+    wanted = [place for place in range(len(segments)) if FRACTIONS[place % len(FRACTIONS)] in TABLE_FRACTIONS]
     for quantity in QUANTITIES:
         measured = np.array([columns[quantity] for columns in dem])
         answered = np.array([columns[quantity] for columns in model])
@@ -166,7 +167,7 @@ def compare_path(
             one, other = measured[both, place], answered[both, place]
             rows.append(
                 PathRow(
-                    path, closure, quantity, int(segments[place]), float(SHARES[place % len(SHARES)]),
+                    path, closure, quantity, int(segments[place]), float(FRACTIONS[place % len(FRACTIONS)]),
                     float(stress_ratio[place]), float(angle[place]), *mean_and_scatter(one), mean_and_scatter(other)[0],
                     *mean_and_scatter(other - one),
                 )

@@ -41,7 +41,9 @@ def draw_verify(folder: Path, study: Study) -> list[Path]:
         _gaps(folder / "figure_3.png", study),
         _comparison(folder / "figure_4.png", study),
         draw_cycles(folder / "figure_5.png", study, _title("Model against DEM on two cycles and a reversal", study)),
-        draw_rotation(folder / "figure_6.png", study, _title("Model against DEM as the principal axes turn", study)),
+        draw_rotation(
+            folder / "figure_6.png", study, _title("Model against DEM under principal stress rotation", study)
+        ),
     ]
 
 

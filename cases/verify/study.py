@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PathStudy:
-    """Both sides at the same shares of the segments of a path.
+    """Both sides at the same fractions of the segments of a path.
 
     Attributes
     ----------

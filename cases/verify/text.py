@@ -35,7 +35,7 @@ CAPTIONS = (
     "Gaps between neighbours: the packing with the value at zero gap (DEM)",
     "Model against DEM: coordination number, anisotropies and mean force for both loadings",
     "Two cycles of q/p to 0.2 at constant p, and a reversal to -0.2",
-    "Principal axes turned by 180 degrees at constant p and q/p = 0.2",
+    "Principal stress rotation by 180 degrees at constant p and q/p = 0.2",
 )
 
 
@@ -150,11 +150,11 @@ def summary(study: Study) -> str:
     particles = results[0].packing.count
     seeds = "seed 1" if count == 1 else f"seeds 1 to {count}"
     voids = [result.packing.void_ratio for result in results]
-    yardstick = (
+    scatter_text = (
         f"± is the standard deviation between the {count} packings; in the table of the largest errors the number in "
         "parentheses is the error in units of it."
         if count > 1
-        else "One packing has no scatter; `--seeds 5` gives the yardstick."
+        else "One packing has no scatter; `--seeds 5` gives one to compare errors with."
     )
     sections = [
         "# Point law against DEM",
@@ -162,17 +162,17 @@ def summary(study: Study) -> str:
         f"{np.mean(voids):.4f}, kn/p = 1e4, kt = kn, friction 0.5; biaxial compression at constant mean pressure and "
         "at constant lateral stress. Each packing's measured inputs went into the model; nothing was fitted to the "
         "curves. The coordination number counts all disks. Errors are model minus DEM, averaged over the packings. "
-        + yardstick,
+        + scatter_text,
         f"`{SOURCE}` is the source's closure with constant a_t, `{SOURCE_CLOSED}` the same with a_t from the "
         "stress-force-fabric relation.",
         "## The closures side by side",
-        "Largest errors on both loadings to q/p = 0.3, on the cycles, on the turn of the axes and in the probes (of "
+        "Largest errors on both loadings to q/p = 0.3, on the cycles, under rotation and in the probes (of "
         "the changes that are larger than 0.01); processor time of an update of one point with its tangent.",
         _closures(study),
         "## Largest errors",
         _worst(study),
         f"![{CAPTIONS[3]}](figure_4.png)",
-        "## Paths that turn",
+        "## Cycles and rotation",
         *(f"![{caption}](figure_{place}.png)\n\n{caption}." for place, caption in enumerate(CAPTIONS[4:], 5)),
         "## Stress probes from the isotropic state",
         _probes(study),

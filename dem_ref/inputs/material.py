@@ -56,10 +56,10 @@ CLOSURE_KEYS = (
 )  # fmt: skip
 
 CLOSING_FORCE = 0.2
-"""Gaps are counted up to the displacement that changes a contact force by this share of the mean force: the density of
-gaps diverges weakly at zero, and loading closes those that lie within such displacements."""
+"""Gaps are counted up to the displacement that changes a contact force by this fraction of the mean force: the density
+of gaps diverges weakly at zero, and loading closes those that lie within such displacements."""
 UNLOADING = 0.05
-"""Share of p taken off to see how the shear modulus falls with the coordination number."""
+"""Fraction of p taken off to see how the shear modulus falls with the coordination number."""
 
 
 ISOTROPIC = 0.01
@@ -119,7 +119,6 @@ def measure_material_with_errors(
     weak = measure_weak_contacts(sample, isotropic, shear)
     weak_error = weak_contact_errors(sample, isotropic, shear)
     loop, loop_error = measure_slip_with_errors(sample, loop_stress_ratio)
-    delay = sample.friction / weak.tangential_response
     block = blocks_of_contacts(sample, contacts)
     return {
         "coordination": _coordination(sample, contacts, rattlers),
@@ -142,7 +141,7 @@ def measure_material_with_errors(
         "irreversible_scatter": Measured(loop.irreversible_scatter, loop_error.irreversible_scatter),
         "tangential_force_ratio": Measured(weak.tangential_ratio, weak_error.tangential_ratio),
         "slip": Measured(loop.slip, loop_error.slip),
-        "slip_delay": Measured(delay, delay * weak_error.tangential_response / weak.tangential_response),
+        "slip_delay": _slip_delay(sample.friction, weak.tangential_response, weak_error.tangential_response),
         "fluctuation": Measured(weak.fluctuation, weak_error.fluctuation),
     }
 
@@ -167,6 +166,17 @@ def _coordination(sample: Sample, contacts: Contacts, rattlers: str) -> Measured
     block = blocks_of(sample.position, sample.cell)
     error = float(jackknife(lambda without: number[held & (block != without)].mean()))
     return Measured(z.all_particles if rattlers == "included" else z.without_rattlers, error)
+
+
+def _slip_delay(friction: float, response: float, response_error: float) -> Measured:
+    """Friction over the tangential forces that a probe calls up at weak contacts; NaN where it calls up none.
+
+    Without friction there are none at all.
+    """
+    if not response > 0.0:
+        return Measured(float("nan"), float("nan"))
+    delay = friction / response
+    return Measured(delay, delay * response_error / response)
 
 
 def mean_overlap(sample: Sample) -> float:

@@ -6,8 +6,8 @@ Compression positive. The elastic strain is taken off with the measured moduli, 
     q/p = M,    gamma_p = gamma_r h^m/(1 - h),    h = M/M_peak,    d(dilation)/dgamma_p = D (q/p - M_cv)
 
 m = 1 is the usual hyperbola. Packings of disks follow m = 2 within one to two per cent from q/p = 0.05 to nine tenths
-of the peak, with two numbers: the share of sliding contacts, and with it the plastic compliance, grows in proportion to
-q/p. The hyperbola misses by ten per cent.
+of the peak, with two numbers: the fraction of sliding contacts, and with it the plastic compliance, grows in proportion
+to q/p. The hyperbola misses by ten per cent.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ SLIDING_KEYS = (
 )  # fmt: skip
 SMALLEST_LEVEL = 0.05
 LARGEST_LEVEL = 0.9
-"""Fit and misfit from this q/p to this share of the peak."""
+"""Fit and misfit from this q/p to this fraction of the peak."""
 SOFTEST = 0.2
-"""The shear modulus is taken to fall to this share at most; beyond, q hardly changes any more."""
+"""The shear modulus is taken to fall to this fraction at most; beyond, q hardly changes any more."""
 WINDOW = 0.1
-"""The peak is the largest mean over this share of the whole strain, which evens out single stress drops."""
+"""The peak is the largest mean over this fraction of the whole strain, which evens out single stress drops."""
 LEVELS = 60
 PARTS = 8
 """Parts of a loading whose differences tell how far its parameters may be off."""
@@ -166,7 +166,7 @@ def _reference(at: _Passages, peak: float, exponent: float, first: float, kept: 
 
 
 def fit_hardening(part: PlasticPart, peak: float, exponent: float = EXPONENT, first: float = 0.0) -> Hardening:
-    """Reference strain of a given peak, so that q/p at given strain errs least (mean square, relative)."""
+    """Reference strain of a given peak, with the least error of q/p at given strain (mean square, relative)."""
     at = _passages(part, peak)
     reference = _reference(at, peak, exponent, first)
     h = np.maximum((at.levels - first) / (peak - first), 0.0)

@@ -23,7 +23,7 @@ from .probes import ELASTIC_LIMITS, Probe, ProbeError, settled, stress_probe
 Array = NDArray[np.float64]
 
 WEAK_FORCE = 0.15
-"""Contacts up to this share of the mean normal force are near opening."""
+"""Contacts up to this fraction of the mean normal force are near opening."""
 FEWEST_WEAK = 2
 """A straight line goes through two; its scatter is then zero, as its error tells."""
 SCATTER_FORCES = (0.1, 0.5)

@@ -36,7 +36,7 @@ def ending_text(ending: Ending, pressure: float, reference: float, unbalanced_fo
         )
     if ending == Ending.STOOD_STILL:
         return (
-            f"the loading stands still: it neither gets on nor comes to rest at p = {max(pressure, 0.0):.4g} Pa "
+            f"the loading stands still: it neither advances nor comes to rest at p = {max(pressure, 0.0):.4g} Pa "
             f"(unbalanced force {unbalanced_force:.2g}, see [rates])"
         )
     return ""

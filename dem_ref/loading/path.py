@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from granfabric.dem_ref.arrays import is_within
 from granfabric.dem_ref.sample.disks import SampleError
 
 from .legs import Leg, biaxial_leg, invariant_leg, mixed_leg
@@ -49,6 +51,17 @@ class Segment:
     control: tuple[str, str, str] = ("stress", "stress", "stress")
     target: tuple[float, float, float] = (0.0, 0.0, 0.0)
     relative: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("shear_strain", "stress_ratio", "pressure", "angle"):
+            value = getattr(self, name)
+            # NaN is passed without being noticed: the leg would go on to its largest strain
+            if not (name == "stress_ratio" and value is None) and not is_within(value, -1e300, 1e300):
+                raise SampleError(f"{name} of a segment is {value!r}, not a finite number")
+        for name in ("control", "target"):
+            value = getattr(self, name)
+            if not isinstance(value, str) and isinstance(value, Iterable):
+                object.__setattr__(self, name, tuple(value))  # which may be read only once
 
     def leg(self, initial_pressure: float) -> Leg:
         """The leg that this segment describes."""

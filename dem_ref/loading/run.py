@@ -76,6 +76,13 @@ class RunOptions:
     step: float = STEP
     damping: float = DAMPING
 
+    def __post_init__(self) -> None:
+        given = [self.segments] if isinstance(self.segments, Segment) else list(self.segments)
+        for segment in given:
+            if not isinstance(segment, Segment):
+                raise SampleError(f"a run consists of segments, of the class Segment, not of {segment!r}")
+        object.__setattr__(self, "segments", tuple(given))
+
     def fingerprint(self) -> str:
         """JSON text that two equal sets of options share."""
         return json.dumps(asdict(self), sort_keys=True)
@@ -270,7 +277,7 @@ class DemRun:
         self._largest = np.zeros(2)
 
     def completed_fraction(self) -> float:
-        """Rough share of the path that is done."""
+        """Rough fraction of the path that is done."""
         within = 0.0
         if self._loading is not None:
             within = self._loading.state.progress

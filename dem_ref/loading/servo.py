@@ -83,7 +83,7 @@ SLOWEST_PACE = 1e-100
 """Of the rate that the inertial number allows; below, a pace could not grow again for want of digits."""
 
 LOST_PRESSURE = 1e-3
-"""Share of the reference pressure below which a sample has lost it."""
+"""Fraction of the reference pressure below which a sample has lost it."""
 SMALLEST_PRESSURE = 1e-6
 """The same where stress is prescribed in every direction and the path itself goes that low."""
 DILATION = 3.0

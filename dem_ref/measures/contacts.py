@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from granfabric.dem_ref.dynamics.motion import branch_vectors
 from granfabric.dem_ref.sample.disks import Sample
 
-SLIDING_SHARE = 0.995  # of Coulomb's limit; springs and overlaps of a stored sample are half a step apart
+SLIDING_FRACTION = 0.995  # of Coulomb's limit; springs and overlaps of a stored sample are half a step apart
 HARMONICS_MINIMUM = 8
 
 
@@ -194,10 +194,10 @@ def force_harmonics(contacts: Contacts) -> ForceHarmonics:
 
 
 def sliding_fraction(sample: Sample, contacts: Contacts) -> float:
-    """Share of contacts whose tangential force is within half a per cent of Coulomb's limit."""
+    """Fraction of contacts whose tangential force is within half a per cent of Coulomb's limit."""
     if sample.friction == 0.0 or contacts.count == 0:
         return 0.0
-    limit = SLIDING_SHARE * sample.friction * contacts.normal_force
+    limit = SLIDING_FRACTION * sample.friction * contacts.normal_force
     return float(np.mean(np.abs(contacts.tangential_force) >= limit))
 
 

@@ -22,7 +22,7 @@ class Density:
     value : (bins,)
         Centres of the bins.
     density : (bins,)
-        Probability density; integrates to the share of the data that lies within the bins.
+        Probability density; integrates to the fraction of the data that lies within the bins.
     count : int
         Number of data.
     """
@@ -45,8 +45,8 @@ class EdgeFit:
 def edge_density(data: NDArray[np.float64], window: float) -> EdgeFit:
     """Value and slope at zero of the density of non-negative data.
 
-    The density is taken as a straight line on [0, window]. The share of the data in the window and their mean there fix
-    its two coefficients (no bins): with ``w`` the window, the estimator is the mean over all data of
+    The density is taken as a straight line on [0, window]. The fraction of the data in the window and their mean there
+    fix its two coefficients (no bins): with ``w`` the window, the estimator is the mean over all data of
     ``h(x) = 4/w - 6 x/w^2`` for the value and ``12 x/w^3 - 6/w^2`` for the slope, zero outside the window.
     """
     n = len(data)

@@ -142,7 +142,7 @@ class GapDistribution:
         rigidity has a weak divergence there, so that P_xi0 depends on the window.
     window : float
     mean_density : float
-        Share of the gaps that lie within the window, over the window: P_xi0 for displacements of that size.
+        Fraction of the gaps that lie within the window, over the window: P_xi0 for displacements of that size.
     neighbours : float
         Mean number of neighbours in the tessellation.
     """

@@ -17,7 +17,7 @@ LARGEST_CROWD = 4.0
 """Area of the disks over that of the square that holds their centres: 0.9 at the densest, twice that at its rim."""
 
 
-def unlikely(
+def implausible(
     position: NDArray[np.float64], radius: NDArray[np.float64], cell: NDArray[np.float64], pairs: NearPairs
 ) -> str:
     """Why this is no sample in a periodic cell with all its contacts; empty if it is one.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from granfabric.dem_ref.arrays import SampleError as SampleError
 from granfabric.dem_ref.arrays import disks, is_number, is_within, numbers, whole
 
-from .checks import unlikely
+from .checks import implausible
 from .neighbours import CellTooSmallError, NearPairs, find_near_pairs
 from .stored_arrays import StoredArrayError, read_stored_arrays
 
@@ -273,7 +273,7 @@ def sample_from_arrays(arrays: dict[str, NDArray], origin: str) -> Sample:
     kn, ratio, friction = (float(v) for v in get["numbers"])
     pairs = NearPairs(get["first"], get["second"], get["image"], get["tangential"])
     try:
-        reason = unlikely(get["position"], get["radius"], get["cell"], pairs)
+        reason = implausible(get["position"], get["radius"], get["cell"], pairs)
     except CellTooSmallError as error:
         reason = str(error)
     if reason:

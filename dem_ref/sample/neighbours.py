@@ -192,7 +192,7 @@ def find_near_pairs(
     if not min(heights) >= 3.0 * reach:
         raise CellTooSmallError(
             f"the periodic cell is {min(heights):.4g} high, below three interaction distances ({3 * reach:.4g}): "
-            "take more particles or a smaller skin"
+            "take more particles, a smaller ratio of diameters or a smaller skin"
         )
     if np.abs(position).max() > 0.25 * FARTHEST * min(heights):
         reduced = np.floor(position @ np.linalg.inv(cell))

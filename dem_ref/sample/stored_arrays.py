@@ -3,7 +3,7 @@
 `numpy.load` without pickles runs nothing, but it inflates what is compressed and allocates what an array's header
 claims: a few kilobytes can ask for any amount of memory. What this program writes is not compressed, and an array fills
 its member exactly; anything else is refused before it is read. (`fem/equilibrium/stored_arrays.py` is the same for the
-same reason: the judge shares no code with the judged.)
+same reason: the reference DEM shares no code with the law that it verifies.)
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ _ELEMENTS: dict[str, Any] = {
 INSIDE = 1e-8
 """Distance from the reference cell, in its own coordinates, up to which a place counts as inside."""
 BULGE = 0.25
-"""Share of its size by which a box around the nodes of a curved cell is enlarged to hold the cell."""
+"""Fraction of its size by which a box around the nodes of a curved cell is enlarged to hold the cell."""
 ITERATIONS = 50
 CONVERGED = 1e-12
 """Newton's last correction in reference coordinates."""

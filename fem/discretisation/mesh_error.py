@@ -1,4 +1,4 @@
-"""What the mesh errs by, estimated from the stresses themselves.
+"""Error of the mesh, estimated from the stresses themselves.
 
 The finite element stress is less smooth than the stress that it approximates. Around every vertex a polynomial of the
 element's order is fitted to the integration points of the elements there (least squares, weighted by area: the patch
@@ -33,8 +33,8 @@ class MeshError:
     relative : float
         Norm over the body of recovered minus computed stress, over the norm of the recovered one; 0 if there is none.
     of_cells : ndarray, shape (nelem,)
-        Share of each element: its norm over that of the recovered stress of the whole body; the squares add up to that
-        of `relative`.
+        Fraction of each element: its norm over that of the recovered stress of the whole body; the squares add up to
+        that of `relative`.
     """
 
     relative: float

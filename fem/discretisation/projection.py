@@ -87,17 +87,17 @@ def _enlarged_patch(space: Space, incidence: csr_matrix, vertex: int, nq: int) -
         around = np.unique(incidence[:, cells].tocoo().row)
         cells = np.unique(incidence[around].indices)
         points = np.sort((cells[:, None].astype(np.int64) * nq + np.arange(nq)).ravel())
-        share = space.weights[points] / space.weights[points].sum()
-        centre = share @ space.points[points]
-        root = np.sqrt(share)
+        fraction = space.weights[points] / space.weights[points].sum()
+        centre = fraction @ space.points[points]
+        root = np.sqrt(fraction)
         scaled = (space.points[points] - centre) * root[:, None]
         spread = np.linalg.eigvalsh(scaled.T @ scaled)
         if spread[0] > _SMALLEST_SPREAD * spread[1]:
             break
     # Mean plus slope; the pseudo-inverse leaves out a slope that the points do not determine.
     gradient = np.linalg.pinv(scaled, rcond=1e-8) * root
-    gradient -= np.outer(gradient.sum(axis=1), share)
-    return points, share + (space.nodes[vertex] - centre) @ gradient
+    gradient -= np.outer(gradient.sum(axis=1), fraction)
+    return points, fraction + (space.nodes[vertex] - centre) @ gradient
 
 
 def _vertices_to_nodes(space: Space, nvertices: int) -> csr_matrix:

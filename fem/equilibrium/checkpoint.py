@@ -66,7 +66,10 @@ class SolverMemory:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """An accepted step and what solvers remember; `fem.stepping.solve` goes on from it with the same bits."""
+    """An accepted step and what solvers remember.
+
+    `granfabric.fem.equilibrium.stepping.solve` goes on from it with the same bits.
+    """
 
     result: StepResult
     memory: SolverMemory
@@ -169,14 +172,14 @@ class CheckpointFolder:
         CheckpointError
             If there are files but none can be used.
         """
-        complaints: list[str] = []
+        damages: list[str] = []
         for file in reversed(self.files()):
             try:
-                return self.read(file), complaints
+                return self.read(file), damages
             except CheckpointError as error:
-                complaints.append(str(error))
-        if complaints:
-            raise CheckpointError("; ".join(complaints))
+                damages.append(str(error))
+        if damages:
+            raise CheckpointError("; ".join(damages))
         return None, []
 
     def read(self, file: Path) -> Checkpoint:

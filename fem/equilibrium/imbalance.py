@@ -12,8 +12,8 @@ from granfabric.fem.vectors import Array
 
 from .stage_start import force_at_start
 
-# A direction in which hardly any forces act is judged by this share of the forces of both.
-LEAST_SHARE = 1e-3
+# A direction in which hardly any forces act is assessed by this fraction of the forces of both.
+LEAST_FRACTION = 1e-3
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class InitialImbalance:
 
     Parameters
     ----------
-    share : float
+    fraction : float
         Nodal forces that nothing balances over the nodal forces that act; see `initial_imbalance`.
-    share_at_end : float
+    fraction_at_end : float
         The same for the initial stress with the loads of the end of the first stage: what that stage changes.
     place : (float, float)
         Where the largest unbalanced nodal force acts [m].
@@ -36,8 +36,8 @@ class InitialImbalance:
         Their vector sum [N/m].
     """
 
-    share: float
-    share_at_end: float
+    fraction: float
+    fraction_at_end: float
     place: tuple[float, float]
     acting: float
     total: float
@@ -50,10 +50,10 @@ def initial_imbalance(problem: Problem) -> InitialImbalance:
     Unbalanced is what is left of internal minus external forces at degrees of freedom that the first stage leaves
     free; at supports reactions balance everything. In each direction the absolute values are summed over the nodes and
     divided by the sum of the internal forces at all nodes (supports included) or of the loads at free ones, whichever
-    is larger; the share is the larger of both directions. Sums of nodal forces, unlike their Euclidean norms, do not
+    is larger; the fraction is the larger of both directions. Sums of nodal forces, unlike their Euclidean norms, do not
     change with the size of the elements, neither for forces on a boundary nor for those in the body. What cancels
     inside the body enters neither sum: the internal forces left there are those that stress gradients or jumps exert.
-    Without any load the share is 1 where the boundary is free; with a pressure of the wrong sign it is 2.
+    Without any load the fraction is 1 where the boundary is free; with a pressure of the wrong sign it is 2.
 
     Parameters
     ----------
@@ -69,21 +69,21 @@ def initial_imbalance(problem: Problem) -> InitialImbalance:
     free[terms.constrained] = False
 
     def left(external: Array) -> tuple[Array, float, float]:
-        """Unbalanced nodal forces, shape (nnodes, 2), the sum of the acting ones, and their share of these."""
+        """Unbalanced nodal forces, shape (nnodes, 2), the sum of the acting ones, and their fraction of these."""
         rest = np.where(free, internal - external, 0.0).reshape(-1, 2)
         acting = np.maximum(_sums(internal), _sums(np.where(free, external, 0.0)))
         whole = float(acting.sum())
-        acting = np.maximum(acting, LEAST_SHARE * whole)
+        acting = np.maximum(acting, LEAST_FRACTION * whole)
         sums = np.abs(rest).sum(axis=0)
         return rest, whole, float(np.divide(sums, acting, out=np.zeros(2), where=acting > 0.0).max())
 
-    rest, acting, share = left(force_at_start(problem, 0))
-    _, _, share_at_end = left(terms.force_end)
+    rest, acting, fraction = left(force_at_start(problem, 0))
+    _, _, fraction_at_end = left(terms.force_end)
     size = np.hypot(rest[:, 0], rest[:, 1])
     x, y = space.nodes[int(size.argmax())]
     across, along = rest.sum(axis=0)
     return InitialImbalance(
-        share, share_at_end, (float(x), float(y)), acting, float(size.sum()), (float(across), float(along))
+        fraction, fraction_at_end, (float(x), float(y)), acting, float(size.sum()), (float(across), float(along))
     )
 
 

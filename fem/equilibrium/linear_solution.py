@@ -1,4 +1,4 @@
-"""The course of a linear problem: one linear solve a stage, because within a stage everything moves in proportion.
+"""Solution of a linear problem: one linear solve a stage, because within a stage everything moves in proportion.
 
 Where the stiffness at every point is that of the initial state and stays so, displacements, strains and stresses of a
 stage go along straight lines from its start to its end. One factorisation serves all stages that hold the same degrees
@@ -23,12 +23,12 @@ from .stage_start import external_force, stage_start, target_displacement
 RESIDUAL = 1e-12
 
 
-class CourseError(ArithmeticError):
+class LinearSolutionError(ArithmeticError):
     """The linear problem of a stage has no solution; the text says why."""
 
 
 @dataclass(frozen=True)
-class StageCourse:
+class StageSolution:
     """Straight way of one stage.
 
     Parameters
@@ -48,7 +48,7 @@ class StageCourse:
     solves: int
 
 
-class LinearCourse:
+class LinearSolution:
     """Stages one after the other, each solved once with the stiffness of the initial state.
 
     Parameters
@@ -59,7 +59,7 @@ class LinearCourse:
 
     Raises
     ------
-    CourseError
+    LinearSolutionError
         If a point of the initial state has no stiffness.
     """
 
@@ -72,14 +72,14 @@ class LinearCourse:
         self._done = 0
         report = system.material.still_tangent("elastic")
         if report.failed:
-            raise CourseError(f"the initial state has no stiffness: {report.message}")
+            raise LinearSolutionError(f"the initial state has no stiffness: {report.message}")
 
-    def next_stage(self) -> StageCourse:
+    def next_stage(self) -> StageSolution:
         """Solve the next stage.
 
         Raises
         ------
-        CourseError
+        LinearSolutionError
         """
         problem, system, index = self._problem, self._system, self._done
         terms = problem.program.terms[index]
@@ -100,11 +100,11 @@ class LinearCourse:
             try:
                 change[system.free] += system.linear_solve(right_hand_side, RESIDUAL, committed=True, guess=None)
             except FactorisationError as error:
-                raise CourseError(f"the stiffness cannot be solved: {error}") from error
+                raise LinearSolutionError(f"the stiffness cannot be solved: {error}") from error
             solves = 1
         with system.accounting.phase("state"):
             strain = system.forces.strain(change, np.empty((problem.space.npoints, 3)))
             self._internal = self._internal + system.forces.tangent_times(tangent, change, system.scratch)
             self._displacement = self._displacement + change
         self._done += 1
-        return StageCourse(start, change, strain, solves)
+        return StageSolution(start, change, strain, solves)

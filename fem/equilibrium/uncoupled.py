@@ -1,7 +1,7 @@
 """Runs of laws with a linear stress response: displacements first, by one linear solve a stage; states follow.
 
 A law whose stress depends linearly on the strain (`LawDescription.linear_response`) leaves equilibrium untouched by
-whatever its state does. So every stage is solved once (`linear_course`), and the law is called only where a result is
+whatever its state does. So every stage is solved once (`LinearSolution`), and the law is called only where a result is
 wanted, without tangents, over the whole strain since the last one: it divides that into the substeps which its state
 needs. No state is known between results.
 """
@@ -9,76 +9,51 @@ needs. No state is known between results.
 from __future__ import annotations
 
 import logging
-import time
-from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 
-from granfabric.fem.accounting import Accounting
 from granfabric.fem.linear_solvers.tangent import FactorMemory
-from granfabric.fem.loads.problem import Problem
 from granfabric.fem.vectors import Array, norm
 
-from .checkpoint import Checkpoint, SolverMemory
-from .control import ControlError, StepControl
-from .initial import boundary_sums, named_nodes
-from .linear_solution import CourseError, LinearCourse, StageCourse
-from .residual import Equilibrium
-from .results import FailedPoint, RunSummary, StepResult
+from .checkpoint import SolverMemory
+from .linear_solution import LinearSolution, LinearSolutionError, StageSolution
+from .results import RunSummary, StepResult
+from .run import SMALLEST_PROPOSAL, STOPPED, Run, StepCounts
 from .stage_start import external_force
 
 logger = logging.getLogger(__name__)
 
-STOPPED = "stopped on request"
-# A failed call is repeated with a shorter way, by no more than this at once.
-SMALLEST_PROPOSAL = 0.1
 # The residual counts as zero below this multiple of the rounding of its own sums.
 ROUNDING_MULTIPLE = 1e3
 
 
-class OneWayRun:
-    """A run of a problem whose law has a linear stress response; arguments as of `fem.stepping.solve`.
+class UncoupledRun(Run):
+    """A run of a problem whose law has a linear stress response.
 
     Results are handed out at every `StepControl.report_every`-th step, steps being the equal increments of the stages
     counted through, and at the end of each stage. Step control by factors does not apply: lengths of steps make no
     error in the displacements, and in the states none beyond the law's own tolerance.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        control: StepControl,
-        on_step: Callable[[StepResult], None] | None,
-        stop: Callable[[], bool] | None,
-        on_checkpoint: Callable[[Checkpoint], None] | None,
-        clock: Callable[[], float] = time.perf_counter,
-    ) -> None:
-        self._problem = problem
-        self._control = control
-        self._on_step = on_step
-        self._stop = stop
-        self._on_checkpoint = on_checkpoint
-        self._accounting = Accounting(clock=clock)
-        with self._accounting.phase("setup"):
-            self._system = Equilibrium(problem, control, self._accounting)
-            self._nodes = named_nodes(problem.space)
+    def __init__(self, *arguments: Any, **more: Any) -> None:
+        super().__init__(*arguments, **more)
         self._scale = norm(self._system.internal_force)
         self._committed = 0.0
-        self._failed_point: FailedPoint | None = None
         self._failure = ""
 
     def execute(self, resume: StepResult | None, memory: SolverMemory | None) -> RunSummary:
-        """Run all stages, or what is left of them; see `fem.stepping.solve`."""
         stages = self._problem.stages
         first, fraction = 0, 0.0
         index = 0
         try:
-            course = LinearCourse(self._problem, self._system)
+            stages_solved = LinearSolution(self._problem, self._system)
             if resume is not None:
                 first, fraction = self._restore(resume), resume.fraction
             for index in range(len(stages)):
                 before = self._accounting.factorisations
-                way = course.next_stage()
+                solution = stages_solved.next_stage()
                 done = self._accounting.factorisations - before
                 if index < first:
                     continue
@@ -86,49 +61,19 @@ class OneWayRun:
                     # What was spent to get here is part of the earlier count.
                     self._restart_accounting(memory)
                     self._scale = max(self._scale, memory.force_scale)
-                reached = self._stage(index, way, fraction if index == first else 0.0, done)
+                reached = self._stage(index, solution, fraction if index == first else 0.0, done)
                 if reached < 1.0:
                     return self._summary(False, self._failure, index, reached)
-        except CourseError as error:
+        except LinearSolutionError as error:
             return self._summary(False, f"stage {stages[index].name!r}: {error}", index, 0.0)
         return self._summary(True, "all stages completed", len(stages) - 1, 1.0)
-
-    def _summary(self, finished: bool, message: str, stage: int, fraction: float) -> RunSummary:
-        logger.info("linear solver %s: %s", self._system.solver_name, self._accounting.counters())
-        return RunSummary(
-            finished,
-            message,
-            self._problem.stages[stage].name,
-            fraction,
-            self._system.solver_name,
-            self._accounting.counters(),
-            dict(self._accounting.seconds),
-            self._failed_point,
-        )
-
-    def _restore(self, resume: StepResult) -> int:
-        names = [stage.name for stage in self._problem.stages]
-        material = self._system.material
-        if resume.stage not in names:
-            raise ControlError(f"the step to go on from belongs to stage {resume.stage!r}, not one of {names}")
-        for name, ours, given in (
-            ("stress", material.stress_start, resume.stress),
-            ("strain", material.strain_start, resume.strain),
-            ("state", material.state_start, resume.state),
-        ):
-            if ours.shape != np.shape(given):
-                raise ControlError(
-                    f"the step to go on from has a {name} of shape {np.shape(given)}, this problem {ours.shape}"
-                )
-            ours[:] = given
-        return names.index(resume.stage)
 
     def _restart_accounting(self, memory: SolverMemory) -> None:
         seconds = dict(self._accounting.seconds)
         for name in self._accounting.counters():
             setattr(self._accounting, name, 0)
-        self._accounting.take_up(memory.counters, memory.seconds)
-        logger.info("the course of the stages was solved again in %.2f s", sum(seconds.values()))
+        self._accounting.continue_from(memory.counters, memory.seconds)
+        logger.info("the displacements of the stages were solved again in %.2f s", sum(seconds.values()))
 
     def _wanted(self, index: int, fraction: float) -> list[tuple[int, float]]:
         """Step numbers and positions within a stage, beyond a position, at which results are wanted."""
@@ -140,42 +85,40 @@ class OneWayRun:
             if step / number > fraction and ((before + step) % self._control.report_every == 0 or step == number)
         ]
 
-    def _stage(self, index: int, way: StageCourse, fraction: float, factorisations: int) -> float:
+    def _stage(self, index: int, solution: StageSolution, fraction: float, factorisations: int) -> float:
         """Follow the states through a stage; the fraction reached at the last result.
 
         Solves and factorisations of the stage are told with its first result.
         """
         self._committed = fraction
-        solves, factorisations = (way.solves, factorisations) if fraction == 0.0 else (0, 0)
+        solves, factorisations = (solution.solves, factorisations) if fraction == 0.0 else (0, 0)
         for step, end in self._wanted(index, fraction):
-            if self._stop is not None and self._stop():
+            if self._stopped():
                 self._failure = STOPPED
                 return fraction
             cuts = self._accounting.cuts
-            substeps = self._advance(index, way, end)
+            substeps = self._advance(index, solution, end)
             if substeps < 0:
                 return fraction
-            external = external_force(self._problem, index, way.start, end)
+            external = external_force(self._problem, index, solution.start, end)
             if not self._balanced(index, end, external):
                 return fraction
             fraction = end
             self._accounting.steps += 1
-            if self._on_step is not None or self._on_checkpoint is not None:
-                with self._accounting.phase("state"):
-                    counts = (solves, factorisations, self._accounting.cuts - cuts, substeps)
-                    result = self._result(index, way, step, end, external, counts)
-                with self._accounting.phase("output"):
-                    if self._on_step is not None:
-                        self._on_step(result)
-                    if self._on_checkpoint is not None:
-                        self._on_checkpoint(Checkpoint(result, self._memory()))
+            counts = StepCounts(solves, factorisations, self._accounting.cuts - cuts, substeps)
+            displacement = solution.start.displacement + end * solution.displacement
+            increment = 1.0 / self._problem.stages[index].increments
+            self._hand_out(
+                partial(self._result, index, solution.start, step, end, displacement, external, counts, increment),
+                self._memory,
+            )
             solves, factorisations = 0, 0
         return fraction
 
-    def _advance(self, index: int, way: StageCourse, end: float) -> int:
+    def _advance(self, index: int, solution: StageSolution, end: float) -> int:
         """States at a position within the stage; substeps over all points, -1 if a point cannot get there."""
         control, material = self._control, self._system.material
-        if not way.strain.any():
+        if not solution.strain.any():
             # a zero increment changes nothing, so the law need not be asked
             self._committed = end
             return 0
@@ -185,7 +128,7 @@ class OneWayRun:
             # A position is set, not summed up, so that the end is met exactly.
             last = tried >= (end - self._committed) * (1.0 - 1e-9)
             position = end if last else self._committed + tried
-            report = material.follow((position - self._committed) * way.strain)
+            report = material.follow((position - self._committed) * solution.strain)
             if report.failed:
                 self._accounting.cuts += 1
                 self._note_failure(report.worst_point, report.message)
@@ -194,8 +137,7 @@ class OneWayRun:
                 )
                 if tried < control.smallest_factor * nominal:
                     self._failure = (
-                        f"stage {self._problem.stages[index].name!r} came to {self._committed:.6g} of its loads; no "
-                        f"step larger than {control.smallest_factor:g} of the nominal one can be followed: "
+                        f"no load step larger than {control.smallest_factor:g} of the nominal one can be followed: "
                         f"{report.message}"
                     )
                     return -1
@@ -206,20 +148,6 @@ class OneWayRun:
             substeps += int(report.substeps.sum())
             tried *= control.grow
         return substeps
-
-    def _note_failure(self, point: int, message: str) -> None:
-        material = self._system.material
-        x, y = self._problem.space.points[point]
-        index = 0 if material.material_index is None else int(material.material_index[point])
-        self._failed_point = FailedPoint(
-            point,
-            (float(x), float(y)),
-            material.stress_start[point].copy(),
-            material.last_increment[point].copy(),
-            material.state_start[point].copy(),
-            index,
-            message,
-        )
 
     def _balanced(self, index: int, fraction: float, external: Array) -> bool:
         """Whether the law's own stress is in equilibrium, as it has to be if its response is linear."""
@@ -250,41 +178,4 @@ class OneWayRun:
             FactorMemory(),
             self._accounting.counters(),
             dict(self._accounting.seconds),
-        )
-
-    def _result(
-        self,
-        index: int,
-        way: StageCourse,
-        step: int,
-        fraction: float,
-        external: Array,
-        counts: tuple[int, int, int, int],
-    ) -> StepResult:
-        system, material = self._system, self._system.material
-        constrained = self._problem.program.terms[index].constrained
-        support = np.zeros(system.space.ndofs)
-        support[constrained] = (system.internal_force - external)[constrained]
-        report = material.committed_report
-        assert report is not None
-        solves, factorisations, cuts, substeps = counts
-        stage = self._problem.stages[index]
-        return StepResult(
-            stage.name,
-            step,
-            fraction,
-            way.start.displacement + fraction * way.displacement,
-            boundary_sums(self._nodes, support),
-            material.stress_start.copy(),
-            material.strain_start.copy(),
-            material.state_start.copy(),
-            report.status.copy(),
-            solves,
-            factorisations,
-            cuts,
-            (),
-            substeps,
-            report.limited,
-            1.0 / stage.increments,
-            way.start,
         )

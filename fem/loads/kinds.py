@@ -28,8 +28,25 @@ def _check_finite(owner: str, *values: Any) -> None:
     for value in values:
         if callable(value):
             continue
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.floating)) or not np.isfinite(value):
+        number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+        if not number or not np.isfinite(value):
             raise LoadError(f"{owner} = {value!r} is not a finite number")
+
+
+def _pair(owner: str, value: Any) -> tuple[float, float]:
+    """Two components; one, or three of another code, would be stretched or shifted without a word."""
+    if not isinstance(value, (Sequence, np.ndarray)) or isinstance(value, str) or np.shape(value) != (2,):
+        raise LoadError(f"{owner} = {value!r} is not a pair of numbers, x and y")
+    _check_finite(owner, *value)
+    return value[0], value[1]
+
+
+def _several(owner: str, given: Any) -> list[Any]:
+    """A list of what was given, which may be read only once."""
+    try:
+        return list(given)
+    except TypeError:
+        raise LoadError(f"{owner} must be in a list, got a {type(given).__name__}") from None
 
 
 @dataclass(frozen=True)
@@ -46,8 +63,10 @@ class Fixed:
     components: Sequence[str] = COMPONENTS
 
     def __post_init__(self) -> None:
+        owner = f"fixed boundary {self.boundary!r}"
+        object.__setattr__(self, "components", tuple(_several(f"components of {owner}", self.components)))
         for component in self.components:
-            _check_component(f"fixed boundary {self.boundary!r}", component)
+            _check_component(owner, component)
 
 
 @dataclass(frozen=True)
@@ -65,9 +84,11 @@ class FixedPoint:
     components: Sequence[str] = COMPONENTS
 
     def __post_init__(self) -> None:
-        _check_finite("fixed point", *self.point)
+        object.__setattr__(self, "point", _pair("fixed point", self.point))
+        owner = f"fixed point {self.point}"
+        object.__setattr__(self, "components", tuple(_several(f"components of {owner}", self.components)))
         for component in self.components:
-            _check_component(f"fixed point {self.point}", component)
+            _check_component(owner, component)
 
 
 @dataclass(frozen=True)
@@ -111,7 +132,7 @@ class Traction:
 
     def __post_init__(self) -> None:
         if not callable(self.value):
-            _check_finite(f"traction on boundary {self.boundary!r}", *self.value)
+            _pair(f"traction on boundary {self.boundary!r}", self.value)
 
 
 @dataclass(frozen=True)
@@ -149,7 +170,7 @@ class BodyForce:
 
     def __post_init__(self) -> None:
         if not callable(self.value):
-            _check_finite("body force", *self.value)
+            _pair("body force", self.value)
 
 
 Load = Fixed | FixedPoint | Displacement | Traction | Pressure | BodyForce
@@ -178,8 +199,11 @@ class Stage:
     keep: bool = True
 
     def __post_init__(self) -> None:
-        if isinstance(self.increments, bool) or not isinstance(self.increments, int) or self.increments < 1:
+        whole = isinstance(self.increments, (int, np.integer)) and not isinstance(self.increments, bool)
+        if not whole or self.increments < 1:
             raise LoadError(f"stage {self.name!r}: increments = {self.increments!r} is not a positive integer")
+        object.__setattr__(self, "increments", int(self.increments))
+        object.__setattr__(self, "loads", _several(f"stage {self.name!r}: loads", self.loads))
         for load in self.loads:
             if not isinstance(load, Load):
                 raise LoadError(f"stage {self.name!r}: {load!r} is not a load")

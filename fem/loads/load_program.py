@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.constitutive.arrays import ArrayError, finite
 from granfabric.fem.discretisation.space import Space
+from granfabric.fem.mesh.checks import MeshError
 
 from .kinds import (
     COMPONENTS,
@@ -93,7 +95,10 @@ class LoadProgram:
             named_constraints: dict[Key, _Constraint] = {}
             named_forces: dict[Key, Array] = {}
             for load in stage.loads:
-                _resolve(space, load, stage.name, named_constraints, named_forces)
+                try:
+                    _resolve(space, load, stage.name, named_constraints, named_forces)
+                except MeshError as error:
+                    raise MeshError(f"stage {stage.name!r}: {error}") from None
             if stage.keep:
                 kept = {
                     key: _Constraint(held.dofs, np.full(len(held.dofs), np.nan), held.label + " (kept)")
@@ -127,7 +132,7 @@ def _resolve(
         for component in components:
             values = np.full(len(nodes), np.nan)
             if isinstance(load, Displacement):
-                values[:] = load.value(*space.nodes[nodes].T) if callable(load.value) else load.value
+                values[:] = _values(f"the displacement of {place}", load.value, (), *space.nodes[nodes].T)
             if (place, component) in constraints:
                 raise LoadError(f"stage {stage!r} prescribes component {component} of {place} twice")
             constraints[place, component] = _Constraint(2 * nodes + COMPONENTS.index(component), values, place)
@@ -136,30 +141,44 @@ def _resolve(
     if isinstance(load, BodyForce):
         key = ("body force", load.region)
         cells = None if load.region is None else space.host_mesh.cells(load.region)
-        vector = space.body_vector(lambda x, y: _field(load.value, x, y), cells)
+        vector = space.body_vector(lambda x, y: _values("the body force", load.value, (2,), x, y), cells)
     elif isinstance(load, Pressure):
         key = ("pressure", load.boundary)
         pressure = load.value
 
         def pressing(x: Array, y: Array, nx: Array, ny: Array) -> Array:
-            size = pressure(x, y) if callable(pressure) else pressure
+            size = _values(f"the pressure on boundary {load.boundary!r}", pressure, (), x, y)
             return np.stack([-size * nx, -size * ny], axis=1)
 
         vector = space.traction_vector(load.boundary, pressing)
     else:
         assert isinstance(load, Traction)
         key = (load.name, load.boundary)
-        vector = space.traction_vector(load.boundary, lambda x, y, nx, ny: _field(load.value, x, y, nx, ny))
+        owner = f"the traction on boundary {load.boundary!r}"
+        vector = space.traction_vector(
+            load.boundary, lambda x, y, nx, ny: _values(owner, load.value, (2,), x, y, nx, ny)
+        )
     if key in forces:
         raise LoadError(f"stage {stage!r} prescribes the {key[0]} on {key[1]!r} twice")
     forces[key] = vector
 
 
-def _field(value: Any, *arguments: Array) -> Array:
-    """Values of a constant or callable vector at n places, shape (n, 2)."""
-    if callable(value):
-        return np.asarray(value(*arguments), dtype=np.float64)
-    return np.broadcast_to(np.asarray(value, dtype=np.float64), (len(arguments[0]), 2))
+def _values(owner: str, value: Any, shape: tuple[int, ...], *places: Array) -> Array:
+    """What a constant or a callable is at n places, shape (n, *shape); a constant may come out of a callable too.
+
+    Raises
+    ------
+    LoadError
+        If it is of another shape, which would be another load, or not finite.
+    """
+    came = value(*places) if callable(value) else value
+    wanted = (len(places[0]), *shape)
+    try:
+        if np.shape(came) == shape:
+            return np.broadcast_to(finite(owner, came, shape), wanted)
+        return finite(owner, came, wanted)
+    except ArrayError as error:
+        raise LoadError(str(error)) from None
 
 
 def _merge(

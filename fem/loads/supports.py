@@ -1,8 +1,8 @@
-"""Whether every body of a mesh of several is held: one that is not has no unique displacement."""
+"""Whether every body of a mesh is held: one that is not has no unique displacement."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,31 @@ def refuse_loose_bodies(space: Space, terms: Sequence[StageTerms]) -> None:
     count = int(body.max()) + 1
     if count == 1:
         return
+    for stage, loose in _loose(space, terms, body):
+        if loose:
+            number, free = loose[0]
+            x, y = space.nodes[np.flatnonzero(body == number)[0]]
+            raise LoadError(
+                f"stage {stage!r}: of the {count} bodies of the mesh the one "
+                f"{_regions(space, body, number)} with the node at ({x:.6g}, {y:.6g}) is free to {free}; hold it by "
+                f"fixed, displacement or fixed_point (loose bodies: {len(loose)})"
+            )
+
+
+def free_motions(space: Space, terms: Sequence[StageTerms]) -> list[str]:
+    """Rigid motions of a single body that no support prevents, stage by stage; "" where it is held.
+
+    Such a body is in equilibrium at most under loads that balance each other, and has no unique displacement.
+    """
+    body = bodies_of(space)
+    return [loose[0][1] if loose else "" for _, loose in _loose(space, terms, body)]
+
+
+def _loose(
+    space: Space, terms: Sequence[StageTerms], body: NDArray[np.int64]
+) -> Iterator[tuple[str, list[tuple[int, str]]]]:
+    """Name of each stage, and the bodies that are not held in it with the motions that are free."""
+    count = int(body.max()) + 1
     sizes = np.bincount(body)
     middle = np.stack([np.bincount(body, weights=space.nodes[:, axis]) / sizes for axis in (0, 1)], axis=1)
     away = space.nodes - middle[body]
@@ -54,17 +79,11 @@ def refuse_loose_bodies(space: Space, terms: Sequence[StageTerms]) -> None:
         stiffness = np.zeros((count, 3, 3))
         np.add.at(stiffness, of_body, held[:, :, None] * held[:, None, :])
         values = np.linalg.eigvalsh(stiffness)
-        loose = np.flatnonzero(values[:, 0] <= _FREE * np.maximum(values[:, 2], 1.0))
-        if loose.size:
-            number = int(loose[0])
+        found = []
+        for number in np.flatnonzero(values[:, 0] <= _FREE * np.maximum(values[:, 2], 1.0)).tolist():
             free = [motion for k, motion in enumerate(_MOTIONS) if stiffness[number, k, k] <= _FREE]
-            motion = " and to ".join(free or [_MOTIONS[2]])  # about another point than its middle
-            x, y = space.nodes[np.flatnonzero(body == number)[0]]
-            raise LoadError(
-                f"stage {stage.stage.name!r}: of the {count} bodies of the mesh the one "
-                f"{_regions(space, body, number)} with the node at ({x:.6g}, {y:.6g}) is free to {motion}; hold it by "
-                f"fixed, displacement or fixed_point (loose bodies: {loose.size})"
-            )
+            found.append((number, " and to ".join(free or [_MOTIONS[2]])))  # about another point than its middle
+        yield stage.stage.name, found
 
 
 def _regions(space: Space, body: NDArray[np.int64], number: int) -> str:

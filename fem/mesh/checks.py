@@ -7,6 +7,8 @@ from difflib import get_close_matches
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.constitutive.arrays import ANY, ArrayError, found, read
+
 # An element whose area is below this fraction of its longest edge squared carries no usable shape.
 DEGENERATE_AREA_RATIO = 1e-9
 
@@ -15,12 +17,76 @@ class MeshError(ValueError):
     """A mesh cannot be used; the text says what is wrong, where, and what is legal."""
 
 
-def nearest_name(name: str, legal: list[str]) -> str:
+def nearest_name(name: object, legal: list[str]) -> str:
     """End of a sentence: the legal names, the nearest first named."""
     if not legal:
         return "the mesh has no such groups at all"
-    near = get_close_matches(name, legal, n=1, cutoff=0.0)[0]
+    near = get_close_matches(str(name), legal, n=1, cutoff=0.0)[0]
     return f"it has {', '.join(repr(entry) for entry in sorted(legal))}; the nearest is {near!r}"
+
+
+def coordinates(name: str, value: object) -> NDArray[np.float64]:
+    """Places in the plane as a caller gives them, shape (n, 2).
+
+    Raises
+    ------
+    MeshError
+        If they are not numbers of that shape, or not finite.
+    """
+    try:
+        places = read(name, value, (ANY, 2))
+    except ArrayError:
+        raise MeshError(f"{name} must be an array of numbers of shape (n, 2), got {_came(value)}") from None
+    if not np.isfinite(places).all():
+        raise MeshError("the mesh holds a coordinate that is not finite")
+    return places
+
+
+def numbers_of(name: str, value: object, widths: tuple[int, ...], count: int, what: str) -> NDArray[np.int64]:
+    """Numbers of nodes or elements as a caller gives them.
+
+    A mask, a fraction or a number from the end would name others than are meant, and say nothing.
+
+    Parameters
+    ----------
+    name : str
+        For the message.
+    value : array_like of int
+    widths : tuple of int
+        How many may stand in a row; none for a plain list.
+    count : int
+        Of the nodes or elements, which are numbered from 0.
+    what : str
+        "nodes" or "elements".
+
+    Raises
+    ------
+    MeshError
+    """
+    shape = f"(n, {' or '.join(map(str, widths))})" if widths else "(n,)"
+    wanted = f"an array of integers in 0 ... {count - 1} of shape {shape}, numbers of {what}"
+    array = _plain(value)
+    if array is not None and array.size == 0:
+        return np.empty((0, widths[0]) if widths else 0, dtype=np.int64)
+    fits = array is not None and array.ndim == 1 + bool(widths) and (not widths or array.shape[1] in widths)
+    if array is None or not fits or array.dtype.kind not in "iu":
+        raise MeshError(f"{name} must be {wanted}, got {_came(value)}")
+    least, most = int(array.min()), int(array.max())
+    if least < 0 or most >= count:
+        raise MeshError(f"{name} must be {wanted}, but holds {least if least < 0 else most}")
+    return array.astype(np.int64)
+
+
+def _plain(value: object) -> NDArray[np.generic] | None:
+    try:
+        return np.asarray(value)
+    except (ValueError, TypeError, OverflowError):
+        return None
+
+
+def _came(value: object) -> str:
+    array = _plain(value)
+    return found(value if array is None or array.dtype.kind == "O" else array)
 
 
 def _corner_areas(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:

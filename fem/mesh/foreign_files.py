@@ -26,7 +26,7 @@ class ForeignFileError(ValueError):
 
 
 @contextmanager
-def guarded(size: int) -> Iterator[None]:
+def foreign_reader(size: int) -> Iterator[None]:
     """Read a file of that many bytes with a foreign reader within the block.
 
     What the reader only warns of, and any way in which it stumbles over damage, becomes one kind of error; memory is

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from granfabric.fem.mesh.msh.file import read_raw
 
-from .checks import MeshError, nearest_name, oriented_cells, refuse_doubled_cells
+from .checks import MeshError, coordinates, nearest_name, numbers_of, oriented_cells, refuse_doubled_cells
 from .curved import curved_mesh
 from .topology import TopologyError, check_topology
 
@@ -68,7 +68,7 @@ class HostMesh:
         MeshError
             If the mesh has no such curve; names the nearest.
         """
-        if name not in self.boundaries:
+        if not isinstance(name, str) or name not in self.boundaries:
             raise MeshError(f"the mesh has no boundary {name!r}; {nearest_name(name, list(self.boundaries))}")
         return self.boundaries[name]
 
@@ -111,7 +111,7 @@ class HostMesh:
         MeshError
             If the mesh has no such surface; names the nearest.
         """
-        if name not in self.regions:
+        if not isinstance(name, str) or name not in self.regions:
             raise MeshError(f"the mesh has no region {name!r}; {nearest_name(name, list(self.regions))}")
         return self.regions[name]
 
@@ -141,7 +141,7 @@ def build_mesh(
         Sides that are not straight; each must be an element edge.
     parts : {"joined", "separate"}
         "joined": the mesh has to be one body. "separate" admits several bodies, bodies that touch without being
-        joined, and cracks whose faces have nodes of their own; see `fem.mesh_topology`.
+        joined, and cracks whose faces have nodes of their own; see `granfabric.fem.mesh.topology`.
     remarks : tuple of str
         Kept with the mesh.
 
@@ -150,12 +150,10 @@ def build_mesh(
     MeshError
         If the mesh is not usable; a `TopologyError` if it is not one body or lies over itself.
     """
-    points = np.ascontiguousarray(points, dtype=np.float64)
-    cells = np.asarray(cells, dtype=np.int64)
+    points = coordinates("points", points)
+    cells = numbers_of("cells", cells, (3, 4), len(points), "nodes")
     if not len(cells):
         raise MeshError("the mesh has no triangles or quadrilaterals")
-    if not np.isfinite(points).all():
-        raise MeshError("the mesh holds a coordinate that is not finite")
     if np.abs(points).max() > LARGEST_COORDINATE:
         raise MeshError(f"the mesh holds the coordinate {np.abs(points).max():g}, beyond {LARGEST_COORDINATE:g} m")
     refuse_doubled_cells(points, cells)
@@ -169,7 +167,7 @@ def build_mesh(
     find = _FacetFinder(mesh, renumber)
     boundaries = {}
     for name, pairs in (lines or {}).items():
-        pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
+        pairs = numbers_of(f"curve {name!r}", pairs, (2,), len(points), "nodes")
         found, bad = find(pairs)
         if bad.any():
             a, b = points[pairs[int(np.argmax(bad))]]
@@ -178,16 +176,20 @@ def build_mesh(
                 "the edge of any element (is the surface beside it a part of the mesh?)"
             )
         boundaries[name] = np.unique(found)
-    named = {name: np.unique(np.asarray(index, dtype=np.int64)) for name, index in (regions or {}).items()}
-    for name, index in named.items():
-        if index.size and not 0 <= index[0] <= index[-1] < len(cells):
-            raise MeshError(f"region {name!r} names an element that is none of the {len(cells)} of the mesh")
+    named = {
+        name: np.unique(numbers_of(f"region {name!r}", index, (), len(cells), "elements"))
+        for name, index in (regions or {}).items()
+    }
     curved = None
     if sides is not None and len(sides[0]):
-        facets, bad = find(sides[0])
+        ends = numbers_of("curved sides", sides[0], (2,), len(points), "nodes")
+        middles = coordinates("middles", sides[1])
+        if len(ends) != len(middles):
+            raise MeshError(f"there are {len(ends)} curved sides and {len(middles)} middles")
+        facets, bad = find(ends)
         if bad.any():
             raise MeshError("a curved side is not the edge of any element")
-        curved = curved_mesh(mesh, facets, sides[1])
+        curved = curved_mesh(mesh, facets, middles)
     host = HostMesh(mesh, boundaries, named, curved, remarks)
     try:
         check_topology(mesh, named, parts)
@@ -233,6 +235,8 @@ def read_mesh(path: str | Path, parts: str = "joined") -> HostMesh:
         If the file cannot be read, is not plane, or holds degenerate, inverted or mixed elements; a `TopologyError` if
         the mesh is not one body or lies over itself.
     """
+    if not isinstance(path, (str, Path)):
+        raise MeshError(f"the name of a mesh file is wanted, got a {type(path).__name__}")
     try:
         raw = read_raw(Path(path))
         return build_mesh(raw.points, raw.cells, raw.lines, raw.regions, raw.sides, parts, raw.remarks)
@@ -261,6 +265,12 @@ def rectangle(width: float, height: float, nx: int, ny: int, cell: str = "triang
     """
     if cell not in ("triangle", "quad"):
         raise MeshError(f"cell = {cell!r} is not one of 'triangle', 'quad'")
+    for name, number in (("nx", nx), ("ny", ny)):
+        if isinstance(number, bool) or not isinstance(number, (int, np.integer)):
+            raise MeshError(f"{name} = {number!r} is not a whole number")
+    for name, size in (("width", width), ("height", height)):
+        if isinstance(size, bool) or not isinstance(size, (int, float, np.integer, np.floating)):
+            raise MeshError(f"{name} = {size!r} is not a number")
     if not (width > 0 and height > 0 and nx >= 1 and ny >= 1):
         raise MeshError(f"a rectangle of {width} m x {height} m in {nx} x {ny} cells is empty")
     x, y = np.meshgrid(np.linspace(0.0, width, nx + 1), np.linspace(0.0, height, ny + 1))

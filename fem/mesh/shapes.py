@@ -130,9 +130,9 @@ def plate_with_hole(radius: float, width: float, height: float, n_radial: int, n
     def blend(s: Array, t: Array) -> tuple[Array, Array]:
         up, back = np.minimum(2 * t, 1.0), np.maximum(2 * t - 1, 0.0)
         angle = diagonal * up + (np.pi / 2 - diagonal) * back
-        share = (ratio**s - 1) / (ratio - 1)
-        x = (1 - share) * radius * np.cos(angle) + share * width * (1 - back)
-        y = (1 - share) * radius * np.sin(angle) + share * height * up
+        fraction = (ratio**s - 1) / (ratio - 1)
+        x = (1 - fraction) * radius * np.cos(angle) + fraction * width * (1 - back)
+        y = (1 - fraction) * radius * np.sin(angle) + fraction * height * up
         return np.where(t == 1, 0.0, x), np.where(t == 0, 0.0, y)
 
     mesh = mapped_grid(blend, n_radial, n_around, cell, ("hole", "outside", "bottom", "left"))

@@ -22,9 +22,9 @@ IntArray = NDArray[np.int64]
 Array = NDArray[np.float64]
 
 TOUCH = 1e-3
-"""Share of the size of the cells around below which a node counts as lying on a side, or on another node."""
+"""Fraction of the size of the cells around below which a node counts as lying on a side, or on another node."""
 OVERLAP = 0.05
-"""Share of its size by which a cell may reach into one of another body: curved interfaces with different nodes do."""
+"""Fraction of its size by which a cell may reach into another body: curved interfaces with different nodes do."""
 
 PARTS = ("joined", "separate")
 

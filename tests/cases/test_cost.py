@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from granfabric.cases.commands import cost as command
+from granfabric.cases.cost import distributions
 from granfabric.cases.cost.batch import PATH_STRAIN, End, distance, make_batch
 from granfabric.cases.cost.catalogue import STUDIES
 from granfabric.cases.cost.footing import extrapolate
@@ -210,6 +211,21 @@ def test_load_steps_converge_with_order_two(tables: dict) -> None:
     # strain goes straight within a step: the path is followed by its chords
     for quantity in QUANTITIES:
         assert load_step_order(tables["load_steps"], quantity) == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize("magnitude", distributions.MAGNITUDES)
+def test_distributions_start_from_every_fabric_of_the_study(magnitude: float) -> None:
+    """Also beyond the harmonic limit, with forces that carry the stress: s = (a_c + a_n + a_t)/2."""
+    batch = distributions.batch_at(5, magnitude)
+    law = distributions.law_of(distributions._integration(0))
+    state = distributions.start_of(law, batch)
+    names = ("fabric_anisotropy", "normal_force_anisotropy", "tangential_force_anisotropy")
+    fabric, normal, tangential = (state[:, law.description.columns(name)] for name in names)
+    assert fabric == pytest.approx(batch.fabric, abs=1e-15)
+    s = np.stack([batch.stress[:, 0] - batch.stress[:, 1], 2 * batch.stress[:, 2]], axis=1)
+    s = s / (batch.stress[:, 0] + batch.stress[:, 1])[:, None]
+    assert fabric + normal + tangential == pytest.approx(2 * s, abs=1e-14)
+    assert distributions.follow(law, batch, state, 1).failed == 0
 
 
 def test_distributions_meet_in_isotropy_and_part_with_anisotropy(tables: dict) -> None:

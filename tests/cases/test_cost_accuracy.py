@@ -155,7 +155,7 @@ def field(granfabric: Callable, folder: Path, accuracy: str, *more: str) -> tupl
 
 
 def test_a_field_run_keeps_within_its_accuracy_and_says_so(granfabric: Callable, tmp_path: Path) -> None:
-    """Loading and unloading of a coarse block: load steps too are chosen, and judged honestly."""
+    """Loading and unloading of a coarse block: load steps too are chosen, and assessed honestly."""
     exact = field(granfabric, tmp_path, "1e-7", "stage.1.increments=48", "stage.2.increments=48")[1]
     for accuracy in ("1e-2", "1e-4", "1e-6"):
         record, found = field(granfabric, tmp_path, accuracy)

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from granfabric.cases.scene.dem_path import PathError, leg_numbers, packing_options, run_options, segments
 from granfabric.cases.scene.schema_dem import DemScene
-from granfabric.cases.scene.validation_messages import sentences
+from granfabric.cases.scene.validation_messages import messages
 from granfabric.dem_ref.loading.path import Segment
 
 
@@ -77,7 +77,7 @@ def test_a_leg_by_components_sets_the_stress_when_it_is_all_stress() -> None:
     [
         ([constant(0.2), constant(0.2)], r"path 2: stress_ratio = 0\.2 is where the leg begins"),
         ([leg("rotation", rotation_degrees=90.0)], r"path 1: there is no deviator to rotate"),
-        ([leg("components", control=["stress"] * 3, target=[1.0, -3.0, 0.0])], r"path 1: .* press in every direction"),
+        ([leg("components", control=["stress"] * 3, target=[1.0, -3.0, 0.0])], r"path 1: .* compressive in every"),
     ],
 )
 def test_legs_that_do_not_follow_are_refused(legs: list[dict], text: str) -> None:
@@ -99,7 +99,7 @@ def test_legs_that_do_not_follow_are_refused(legs: list[dict], text: str) -> Non
 def test_illegal_keys_of_a_leg_are_told_in_one_sentence(bad: dict, text: str) -> None:
     with pytest.raises(ValidationError) as caught:
         scene(bad)
-    [(_, told)] = sentences(caught.value, DemScene, {})
+    [(_, told)] = messages(caught.value, DemScene, {})
     assert text in told and "\n" not in told
 
 
@@ -135,7 +135,7 @@ def test_relative_goes_with_components_alone() -> None:
     for other in (constant(0.2), leg("isotropic", pressure_ratio=0.9), leg("rotation", rotation_degrees=90.0)):
         with pytest.raises(ValidationError) as caught:
             scene({**other, "relative": True})
-        [(_, told)] = sentences(caught.value, DemScene, {})
+        [(_, told)] = messages(caught.value, DemScene, {})
         assert "relative = true goes with loading = 'components'" in told and "\n" not in told
         scene({**other, "relative": False})
 
@@ -144,7 +144,7 @@ def test_relative_goes_with_components_alone() -> None:
 def test_a_pull_along_one_axis_is_refused(component: int, axis: str) -> None:
     control, target = ["strain"] * 3, [0.0, 0.0, 0.0]
     control[component] = "stress"
-    with pytest.raises(PathError, match=rf"path 1: a stress of 0 Pa along {axis} does not press"):
+    with pytest.raises(PathError, match=rf"path 1: a stress of 0 Pa along {axis} is not compressive"):
         segments(scene(leg("components", control=control, target=target)))
     # a shear stress of zero is none
     assert segments(scene(leg("components", control=["strain", "strain", "stress"], target=[0.0, 0.0, 0.0])))

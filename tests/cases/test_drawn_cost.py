@@ -356,13 +356,13 @@ def test_findings_on_effects_and_decisions() -> None:
         )
     ]  # fmt: skip
     assert effects.findings(table) == [
-        "biaxial test: without stiffness_feedback errs by 4.0e-03 and takes 50% of the time of everything.",
+        "biaxial test: without stiffness_feedback has an error of 4.0e-03 and takes 50% of the time of everything.",
         "biaxial test: gravest is contact_loss alone, 2.0e-02 (coordination).",
     ]
     decided = [
-        {"setting": "a", "facet": "point", "within": 1, "one_way": 0, "speedup": 9.0},
-        {"setting": "b", "facet": "field", "within": 0, "one_way": 1, "speedup": 2.0},
-        {"setting": "c", "facet": "field", "within": 1, "one_way": 0, "speedup": 3.24},
+        {"setting": "a", "facet": "point", "within": 1, "uncoupled": 0, "speedup": 9.0},
+        {"setting": "b", "facet": "field", "within": 0, "uncoupled": 1, "speedup": 2.0},
+        {"setting": "c", "facet": "field", "within": 1, "uncoupled": 0, "speedup": 3.24},
     ]
     assert decisions.findings(decided) == [
         "2 of 3 scenes stay within their tolerance; not b.", "Displacements by one linear solve a stage: b.",

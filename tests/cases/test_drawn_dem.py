@@ -62,7 +62,7 @@ def test_overview_of_a_dem_run(pictures: dict[str, Any], tmp_path: Path) -> None
         }),
         ("(e) fabric change by contacts", "change of $a_c$ [-]", {
             "lost": columns["fabric_lost"], "gained": columns["fabric_gained"],
-            "persisting (turned)": columns["fabric_persisting"], "net": fabric - fabric[0],
+            "persisting (rotated)": columns["fabric_persisting"], "net": fabric - fabric[0],
         }),
     ]  # fmt: skip
     assert len(figure.axes) == 6
@@ -71,7 +71,7 @@ def test_overview_of_a_dem_run(pictures: dict[str, Any], tmp_path: Path) -> None
         check_curves(axes, x, found)
         check_legend(axes)
     quality = figure.axes[5]
-    assert words(quality) == ("(f) quasi-static? limits dotted", label, "[-]")
+    assert words(quality) == ("(f) quasi-static limits (dotted)", label, "[-]")
     check_curves(quality, x[1:], {
         "unbalanced force": columns["unbalanced_force"][1:], "inertial number": columns["inertial_number"][1:],
     })  # fmt: skip
@@ -196,10 +196,10 @@ def test_density_of_gaps_with_line_and_power_law(pictures: dict[str, Any]) -> No
     assert set(legend(axes)) == {"DEM, 555 gaps", line, law}
     same(curves(axes)[line], [0.0, 0.1], [4.21, 4.21 - 0.9])
     x, y = curves(axes)[law]
-    # the law holds the share of all gaps that lies in the window: integral of the histogram over it
+    # the law holds the fraction of all gaps that lies in the window: integral of the histogram over it
     inside = GAPS.density.value < 0.1
-    share = GAPS.density.density[inside].sum() * 0.04
-    np.testing.assert_allclose(y, share * 0.58 / 0.1**0.58 * x**-0.42)
+    fraction = GAPS.density.density[inside].sum() * 0.04
+    np.testing.assert_allclose(y, fraction * 0.58 / 0.1**0.58 * x**-0.42)
     assert x[0] == pytest.approx(2e-3) and x[-1] == pytest.approx(0.1)
     assert words(axes)[1:] == (r"$\xi$ = gap$/2r$ [-]", r"density $P_\xi(\xi)$ [-]")
 
@@ -435,7 +435,7 @@ def test_all_figures_of_a_comparison_have_their_names(
     assert [text.partition(" (")[0] for text in headings] == [
         "DEM: who changes the fabric anisotropy", "DEM: normal forces", "DEM: gaps between neighbours",
         "Model against DEM", "Model against DEM on two cycles and a reversal",
-        "Model against DEM as the principal axes turn",
+        "Model against DEM under principal stress rotation",
     ]  # fmt: skip
 
 

@@ -45,11 +45,11 @@ def test_findings_on_closures(pictures: dict[str, Any], tmp_path: Path) -> None:
         "DEM": grains[0], "elastic, $c_t s$": 0.78 * levels, "$c_t s - k s^2$, then constant": a_t,
     })  # fmt: skip
     check_curves(right, levels, {
-        "DEM, shift $X_1$": grains[1] / 1.15, "DEM, spread $S$": grains[2], "closure, shift": x1,
-        "closure, spread": spread,
+        "DEM, shift $X_1$": grains[1] / 1.15, "DEM, standard deviation $S$": grains[2], "closure, shift": x1,
+        "closure, standard deviation": spread,
     })  # fmt: skip
     assert words(middle)[:2] == ("Tangential-force anisotropy $a_t$ [-]", "stress ratio $q/p$ [-]")
-    assert words(right)[:2] == ("Shift and spread of weak forces [$f$]", "stress ratio $q/p$ [-]")
+    assert words(right)[:2] == ("Shift and standard deviation of weak forces [$f$]", "stress ratio $q/p$ [-]")
     for axes in (left, middle, right):
         check_legend(axes)
 
@@ -69,19 +69,19 @@ def test_shift_and_spread_of_a_class_of_contacts() -> None:
     scale = 5.0
     along = -np.cos(2 * theta)  # positive along y
     after = 0.4 + 0.01 + 0.06 * along + 0.02 * sign
-    x1, spread = module.shift_and_spread(contacts(np.full(120, 0.4 * scale)), contacts(after * scale), scale)
+    x1, spread = module.shift_and_deviation(contacts(np.full(120, 0.4 * scale)), contacts(after * scale), scale)
     assert (x1, spread) == (pytest.approx(0.06), pytest.approx(0.02))
     lost = np.ones(120, dtype=bool)
     lost[:2] = False
     after[:2] = 0.0
-    some = module.shift_and_spread(contacts(np.full(120, 0.4 * scale)), contacts(after * scale, lost), scale)
-    whole = module.shift_and_spread(contacts(np.full(120, 0.4 * scale)), contacts(after * scale), scale)
+    some = module.shift_and_deviation(contacts(np.full(120, 0.4 * scale)), contacts(after * scale, lost), scale)
+    whole = module.shift_and_deviation(contacts(np.full(120, 0.4 * scale)), contacts(after * scale), scale)
     assert some == pytest.approx(whole)
     # contacts outside the class have no part in it
     inside = np.arange(120) % 4 < 2
     after = 0.4 + 0.01 + 0.06 * along + 0.02 * sign
     start, other = np.where(inside, 0.4, 0.9) * scale, np.where(inside, after, 0.0) * scale
-    assert module.shift_and_spread(contacts(start), contacts(other), scale) == pytest.approx((0.06, 0.02))
+    assert module.shift_and_deviation(contacts(start), contacts(other), scale) == pytest.approx((0.06, 0.02))
 
 
 def test_sliding_curves() -> None:

@@ -13,7 +13,7 @@ from drawn import heading, words
 from matplotlib.collections import LineCollection
 
 from granfabric.cases.pictures.field import draw_field
-from granfabric.cases.pictures.maps import MAPS, chosen_maps, draw_map, wide
+from granfabric.cases.pictures.maps import MAPS, chosen_maps, draw_map, is_wide
 from granfabric.cases.pictures.style import picture
 from granfabric.cases.records import series
 
@@ -148,7 +148,7 @@ def test_maps_that_are_chosen_for_a_run() -> None:
     assert chosen_maps([], still) == ["mean_pressure", "stress_ratio"]
     still.point_data["fabric_anisotropy"] = np.full((36, 3), 0.1)
     assert chosen_maps([], still) == ["coordination", "fabric_anisotropy"]
-    assert wide(mesh(1, 1.0, 1.0)) and not wide(mesh(1, 0.7, 1.0))
+    assert is_wide(mesh(1, 1.0, 1.0)) and not is_wide(mesh(1, 0.7, 1.0))
 
 
 @pytest.mark.parametrize("width", [1.0, 4.0])

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granfabric.cases.effects import resolve as effects_settle
+from granfabric.cases.effects import resolve as effects_resolve
 from granfabric.cases.effects.decision import decide_field, decide_point
 from granfabric.cases.effects.numbers import numbers, quantile
 from granfabric.cases.effects.probe import field_paths
@@ -80,7 +80,7 @@ def decided(tmp_path: Path, text: str, *settings: str):
 
 
 def by_name(decision):
-    return {entry.name: entry for entry in decision.judged}
+    return {entry.name: entry for entry in decision.assessed}
 
 
 def test_the_probe_of_a_uniform_specimen_is_uniaxial_strain_of_the_initial_stiffness(tmp_path):
@@ -200,7 +200,7 @@ def test_the_command_prints_a_table_and_the_run_three_lines_and_a_record(granfab
     assert run.code == 0
     begun = [line.split(":")[0] for line in run.out.splitlines()]
     first = begun.index("effects")
-    assert begun[first : first + 3] == ["effects", "left out (error each)", "elastic probe"]
+    assert begun[first : first + 3] == ["effects", "left out (estimated error of each)", "elastic probe"]
     record = json.loads((tmp_path / "out" / "run.json").read_text())
     entries = {entry["name"]: entry for entry in record["decision"]["effects"]}
     assert entries["contact_gain"]["on"] is False and entries["contact_gain"]["asked"] == "auto"
@@ -217,19 +217,19 @@ def test_a_scene_that_the_probe_cannot_follow_keeps_everything(tmp_path):
     decision = decided(tmp_path, PRESS.replace("-9e-6", "9e-5"))
     assert "nothing is left out" in decision.note and decision.error == 0.0
     assert decision.chosen == effects_choice.everything(field(tmp_path, PRESS).scene)
-    assert decision.numbers.low_pressure_share > 0.9
+    assert decision.numbers.low_pressure_fraction > 0.9
 
 
 def test_the_sample_speaks_for_the_area(tmp_path):
     loaded = field(tmp_path, SIDEWAYS, "mesh.rectangle.nx=9", "mesh.rectangle.ny=18")
     prepared = prepare(loaded)
     paths = field_paths(prepared.problem, prepared.control)
-    points, shares = sample(paths)
+    points, fractions = sample(paths)
     assert len(points) < len(paths.weights) and len(np.unique(points)) == len(points)
-    assert shares.sum() == pytest.approx(1.0)
+    assert fractions.sum() == pytest.approx(1.0)
     for power in ((1, 0), (0, 1), (2, 0), (1, 1)):
         values = np.prod((paths.places / [0.05, 0.1]) ** power, axis=1)
-        assert shares @ values[points] == pytest.approx(paths.weights @ values, abs=0.03)
+        assert fractions @ values[points] == pytest.approx(paths.weights @ values, abs=0.03)
     ratio = np.hypot(paths.stress[-1, :, 0] - paths.stress[-1, :, 1], 2 * paths.stress[-1, :, 2])
     pressure = -(paths.stress[-1, :, 0] + paths.stress[-1, :, 1])
     assert int(np.argmax(ratio / pressure)) in points
@@ -246,7 +246,7 @@ def test_quantiles_are_of_the_area():
 def test_the_problem_of_the_decided_scene_starts_from_the_same_state(tmp_path):
     loaded = field(tmp_path, PRESS)
     prepared = prepare(loaded)
-    _, made, decision = effects_settle.settle_field(loaded, prepared)
+    _, made, decision = effects_resolve.resolve_field(loaded, prepared)
     assert made.problem.law.effects == decision.chosen.effects
     ours, theirs = made.problem, prepared.problem
     column = ours.law.description.columns("coordination")

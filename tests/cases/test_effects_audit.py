@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from test_effects import BACK, HEAD, INITIAL, PRESS, SIDEWAYS
 
-from granfabric.cases.effects.audit import Ways, audit_field
-from granfabric.cases.effects.resolve import settle_field
+from granfabric.cases.effects.audit import StressPaths, audit_field
+from granfabric.cases.effects.resolve import resolve_field
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.records.files import read_csv
 from granfabric.cases.scene.reader import load
@@ -55,7 +55,7 @@ def test_a_wrongly_forced_effect_is_named_and_upgraded(granfabric: Callable, tmp
     assert plain.code == 0
     assert "warning: principal_rotation is off and would have changed a_c" in plain.out and "--upgrade" in plain.out
     entry = audited(tmp_path / "off")["principal_rotation"]
-    assert entry["warn"] and entry["most"] > 1e-2 and 0.01 < entry["share"] <= 1.0
+    assert entry["warn"] and entry["most"] > 1e-2 and 0.01 < entry["fraction"] <= 1.0
     assert entry["mean"] <= entry["most"] <= entry["largest"]
     assert record(tmp_path / "off")["upgrade"] == ["effects.principal_rotation=true"]
     # the audit's number is the error of that run, found by really running with the effect on
@@ -89,13 +89,17 @@ def test_the_audit_of_a_field_is_the_difference_to_a_run_with_the_effect(tmp_pat
     for on in (False, True):
         others = [f"effects.{other}=true" for other in ("contact_loss", "stiffness_feedback", "principal_rotation")]
         loaded = load(str(file), [*others, *settings[1:], f"effects.{name}={str(on).lower()}"])
-        loaded, prepared, _ = settle_field(loaded, prepare(loaded))
-        ways, steps = Ways(prepared.problem), []
-        summary = solve(prepared.problem, prepared.control, on_step=lambda step: (ways.add(step), steps.append(step)))  # noqa: B023
+        loaded, prepared, _ = resolve_field(loaded, prepare(loaded))
+        stress_paths, steps = StressPaths(prepared.problem), []
+        summary = solve(
+            prepared.problem,
+            prepared.control,
+            on_step=lambda step: (stress_paths.add(step), steps.append(step)),  # noqa: B023
+        )
         assert summary.finished
-        outcomes[on] = (loaded, prepared, ways, steps)
-    loaded, prepared, ways, steps = outcomes[False]
-    (entry,) = [entry for entry in audit_field(loaded, prepared.problem, ways).neglected if entry.name == name]
+        outcomes[on] = (loaded, prepared, stress_paths, steps)
+    loaded, prepared, stress_paths, steps = outcomes[False]
+    (entry,) = [entry for entry in audit_field(loaded, prepared.problem, stress_paths).neglected if entry.name == name]
     columns = [outcomes[on][1].problem.law.description.columns("coordination") for on in (False, True)]
     coordination = [
         np.array([step.state[:, column][:, 0] for step in outcomes[on][3]])

@@ -35,33 +35,33 @@ def trial(**changed: Any) -> Trial:
     return replace(made, **changed)
 
 
-SHARES = np.full(POINTS, 1 / POINTS)
+FRACTIONS = np.full(POINTS, 1 / POINTS)
 
 
 def test_differences_of_each_quantity() -> None:
     """Stress over p as a tensor's norm, strain over that of the scene, z relative, a_c absolute; largest of the way."""
     plain = trial()
-    assert all((values == 0.0).all() for values in differences(plain, plain, SHARES).values())
+    assert all((values == 0.0).all() for values in differences(plain, plain, FRACTIONS).values())
     stress = plain.stress.copy()
     stress[1, 0], stress[2, 1] = (-1.1 * P, -P, 0.0), (-P, -P, 0.05 * P)
-    found = differences(plain, trial(stress=stress), SHARES)
+    found = differences(plain, trial(stress=stress), FRACTIONS)
     assert found["stress"] == pytest.approx([0.1, np.sqrt(2) * 0.05, 0, 0]) and found["strain"].max() == 0.0
     # where strain was prescribed, what that stress would have been as strain: C^-1 of it, over the scene's largest
     stiffness = np.tile(np.diag([2e9, 1e9, 1e9]), (POINTS, 1, 1))
-    found = differences(plain, trial(stress=stress), SHARES, stiffness)
+    found = differences(plain, trial(stress=stress), FRACTIONS, stiffness)
     size = np.sqrt(2) * 2e-5
     assert found["strain"] == pytest.approx([0.1 * P / 2e9 / size, np.sqrt(0.5) * 0.05 * P / 1e9 / size, 0, 0])
     strain = plain.strain.copy()
     strain[2, 2] += [3e-6, 0.0, 0.0]
     strain[1, 3] += [0.0, 0.0, 4e-6]
-    found = differences(plain, trial(strain=strain), SHARES)
+    found = differences(plain, trial(strain=strain), FRACTIONS)
     assert found["strain"] == pytest.approx([0, 0, 3e-6 / size, np.sqrt(0.5) * 4e-6 / size])
     z = plain.coordination.copy()
     z[1, 1] = 3.6
-    assert differences(plain, trial(coordination=z), SHARES)["coordination"] == pytest.approx([0, 0.1, 0, 0])
+    assert differences(plain, trial(coordination=z), FRACTIONS)["coordination"] == pytest.approx([0, 0.1, 0, 0])
     fabric = plain.fabric.copy()
     fabric[2, 3] = [0.03, -0.04]
-    found = differences(plain, trial(fabric=fabric), SHARES)
+    found = differences(plain, trial(fabric=fabric), FRACTIONS)
     assert found["fabric"] == pytest.approx([0, 0, 0, 0.05])
     assert set(found) == set(QUANTITIES) and largest(found) == pytest.approx([0, 0, 0, 0.05])
 
@@ -71,9 +71,9 @@ def test_points_that_could_not_be_followed() -> None:
     z = np.full((NODES, POINTS), 4.0)
     z[2, 0] = 3.0
     reached = np.array([1, 2, 2, 2])
-    found = differences(trial(), trial(reached=reached), SHARES)
+    found = differences(trial(), trial(reached=reached), FRACTIONS)
     assert np.isinf(found["stress"]).tolist() == [True, False, False, False]
-    found = differences(trial(reached=reached), trial(coordination=z), SHARES)
+    found = differences(trial(reached=reached), trial(coordination=z), FRACTIONS)
     assert found["coordination"].max() == 0.0
 
 
@@ -89,7 +89,7 @@ def test_distance_is_exceeded_on_less_than_a_hundredth_of_the_area() -> None:
     weights = np.array([0.5, 0.3, 0.195, 0.005])
     found = distance(outcome(trial()), outcome(trial(coordination=z)), weights)
     assert (found.error, found.largest, found.quantity) == (pytest.approx(0.02), pytest.approx(0.05), "coordination")
-    # the quantity that errs most is named
+    # the quantity with the largest error is named
     fabric = np.full((NODES, POINTS, 2), [0.03, 0.04])
     found = distance(outcome(trial()), outcome(trial(coordination=z, fabric=fabric)), weights)
     assert (found.error, found.quantity) == (pytest.approx(0.05), "fabric")
@@ -99,14 +99,14 @@ def test_distance_is_over_the_steps_that_both_have() -> None:
     z = np.full((NODES, POINTS), 4.0)
     z[1], z[2] = 4.4, 4.04
     other = outcome(trial(coordination=z), [("press", 0.25), ("press", 1.0)])
-    assert distance(outcome(trial()), other, SHARES).error == pytest.approx(0.01)
+    assert distance(outcome(trial()), other, FRACTIONS).error == pytest.approx(0.01)
     same = outcome(trial(coordination=z), [("press", 0.5), ("press", 1.0)])
-    assert distance(outcome(trial()), same, SHARES).error == pytest.approx(0.1)
+    assert distance(outcome(trial()), same, FRACTIONS).error == pytest.approx(0.1)
 
 
-def far(share: float, seconds: float, **more: Any) -> Outcome:
+def far(fraction: float, seconds: float, **more: Any) -> Outcome:
     """An outcome whose z lies that far from the plain one."""
-    return outcome(trial(coordination=np.full((NODES, POINTS), 4.0 * (1 + share))), seconds=seconds, **more)
+    return outcome(trial(coordination=np.full((NODES, POINTS), 4.0 * (1 + fraction))), seconds=seconds, **more)
 
 
 def one_point(made: Outcome) -> Outcome:
@@ -134,7 +134,7 @@ def test_the_study_of_effects_compares_each_set_with_everything(monkeypatch: pyt
     assert [row["relative_time"] for row in table.values()] == [1.0, 0.5, 0.25]
     assert [row["count"] for row in table.values()] == [11, 7, 11]
     row = table["without a"]
-    assert (row["quantity"], row["factorisations"], row["linear_solves"], row["one_way"]) == ("coordination", 3, 5, 0)
+    assert (row["quantity"], row["factorisations"], row["linear_solves"], row["uncoupled"]) == ("coordination", 3, 5, 0)
     # stress and state twice, strain and its increment, two tangents: 8 bytes each
     assert row["state_columns"] == 7 and row["memory_per_point"] == 8 * (2 * (3 + 7) + 6 + 18)
     assert row["facet"] == "biaxial" and table["everything"]["on_front"] == 1
@@ -152,13 +152,13 @@ def test_the_study_of_decisions_compares_the_decided_run_with_everything(monkeyp
 
     monkeypatch.setattr(decisions, "run_point", run)
     monkeypatch.setattr(decisions, "decide_point", lambda given: Decision(chosen, error=0.01, tolerance=0.05))
-    row = decisions.judge(loaded)
+    row = decisions.compared(loaded)
     assert asked == [chosen, full]
     assert row["error"] == pytest.approx(0.04, rel=1e-9) and row["estimate"] == 0.01 and row["tolerance"] == 0.05
     assert (row["seconds"], row["seconds_everything"], row["speedup"]) == (1.0, 3.0, 3.0)
     assert (row["within"], row["finished"], row["left_out"], row["quantity"]) == (1, 1, "contact_gain", "coordination")
     monkeypatch.setattr(decisions, "decide_point", lambda given: Decision(chosen, error=0.01, tolerance=0.03))
-    assert decisions.judge(loaded)["within"] == 0
+    assert decisions.compared(loaded)["within"] == 0
 
 
 def test_runs_with_and_without_loss_of_contacts_do_lie_apart() -> None:

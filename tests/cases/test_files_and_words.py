@@ -107,10 +107,10 @@ def test_a_stopped_field_run_goes_on_from_marked_texts(
 ) -> None:
     (tmp_path / "own.toml").write_text(FIELD)
     out = tmp_path / "out"
-    from granfabric.cases.terminal.interruption import StopWish
+    from granfabric.cases.terminal.interruption import InterruptRequest
 
     with monkeypatch.context() as patch:
-        patch.setattr(StopWish, "__call__", lambda self: (out / "result_0001.vtu").is_file())
+        patch.setattr(InterruptRequest, "__call__", lambda self: (out / "result_0001.vtu").is_file())
         granfabric("run", tmp_path / "own.toml", "-o", out)
     assert json.loads((out / "run.json").read_text())["outcome"] != "finished"
     for name in ("run.json", "history.csv"):
@@ -442,3 +442,76 @@ def test_what_is_no_scene_file(granfabric: Callable, tmp_path: Path) -> None:
     ):
         result = granfabric("point", scene, "-o", tmp_path / "out")
         assert result.code == 2 and part in result.err and one_sentence(result.err)
+
+
+def test_a_scene_of_ones_own_is_referred_to_by_its_file(granfabric: Callable, tmp_path: Path) -> None:
+    """`granfabric point NAME` finds shipped scenes alone."""
+    file = tmp_path / "mine.toml"
+    file.write_text(POINT)
+    result = granfabric("run", file, "-o", tmp_path / "out")
+    assert result.code == 2 and f"use `granfabric point {file}`" in result.err
+    assert granfabric("point", file, "-q", "-o", tmp_path / "out").code == 0
+
+
+def test_a_mesh_for_a_scene_is_told(granfabric: Callable, tmp_path: Path) -> None:
+    mesh = tmp_path / "plate.msh"
+    mesh.write_text("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n")
+    result = granfabric("run", mesh, "-o", tmp_path / "out")
+    assert result.code == 2 and f"{str(mesh)!r} is a mesh and no scene: `granfabric mesh {mesh}` shows it" in result.err
+
+
+def test_lengths_of_texts_are_counted_in_characters(granfabric: Callable, tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(POINT)
+    result = granfabric("point", file, "-o", tmp_path / "out", "--set", f"title={'x' * 300}")
+    assert result.code == 2 and "has 300 characters, it needs at most 200" in result.err
+    result = granfabric("point", file, "-o", tmp_path / "out", "--set", "path.0.target=[1.0]")
+    assert result.code == 2 and "has 1 entries, it needs exactly 3" in result.err
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            'pressure=[{boundary="left",value=1.0},{boundary="left",value=2.0}]',
+            "stage 2 \"it's\" prescribes the pressure on 'left' twice",
+        ),
+        (
+            'displacement=[{boundary="top",component="x",value=1e-6}]',
+            "stage 2 \"it's\": the node at (0, 1) is told two displacements",
+        ),
+    ],
+)
+def test_a_contradiction_names_the_stage_as_users_count_it(
+    granfabric: Callable, tmp_path: Path, change: str, said: str
+) -> None:
+    file = tmp_path / "mine.toml"
+    text = FIELD[: FIELD.rindex("[[stage]]")]
+    file.write_text(f'{text}[[stage]]\nname = "it\'s"\nfixed = [{{ boundary = "left", components = ["x"] }}]\n')
+    result = granfabric("run", file, "-o", tmp_path / "out", "--set", f"stage.1.{change}")
+    assert result.code == 2 and f"mine.toml: {said}" in result.err and "stage: " not in result.err
+
+
+def test_keys_and_values_of_a_material_file_are_told_together(granfabric: Callable, tmp_path: Path) -> None:
+    scene, material = tmp_path / "mine.toml", tmp_path / "sand.toml"
+    scene.write_text(POINT)
+    text = 'title = "sand"\n[material]\ncoordination = -4.06\nsoild_fraction = 0.8\n[closure]\nslip = nan\n'
+    material.write_text(text)
+    result = granfabric("point", scene, "-o", tmp_path / "out", "--set", f"material_file={material}")
+    assert result.code == 2
+    assert "the key 'title' is unknown (legal: material, closure)" in result.err
+    assert "the nearest is 'solid_fraction'" in result.err
+    assert "material.coordination = -4.06 is outside its bounds [0.001, 6]" in result.err
+    assert "closure.slip = nan is outside its bounds" in result.err
+    assert len(result.err.splitlines()) == 4
+
+
+@pytest.mark.parametrize("place", ["before", "after"])
+def test_a_quiet_look_is_a_look(granfabric: Callable, tmp_path: Path, place: str) -> None:
+    """`mesh` and `effects` take -q as all commands do; what they say is what they are for."""
+    file = tmp_path / "mine.toml"
+    file.write_text(FIELD)
+    for command, *more in (("mesh", "-o", tmp_path / "mine.png"), ("effects",)):
+        words = ["-q", command, file, *more] if place == "before" else [command, file, *more, "-q"]
+        result = granfabric(*words)
+        assert result.code == 0 and result.out

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from granfabric.cases.field.initial_balance import Balance, percent, pulling
+from granfabric.cases.field.initial_balance import Balance, percent, pulling, soft, unchanged, unheld
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.scene.catalogue import shipped
 from granfabric.cases.scene.reader import load
@@ -67,11 +67,11 @@ displacement = [{ boundary = "top", component = "y", value = -2e-6 }]
 
 FEEDBACK = ("closure.force_change=mean_field", "effects.stiffness_feedback=true", "effects.contact_loss=true")
 FREE = 15 / 16
-"""Share of the sides that is free: half a cell at the node that is held takes the rest."""
-ONE_WAY = ("closure.force_change=mean_field", "effects.stiffness_feedback=false")
+"""Fraction of the sides that is free: half a cell at the node that is held takes the rest."""
+UNCOUPLED = ("closure.force_change=mean_field", "effects.stiffness_feedback=false")
 EARLY = ("solver.smallest_factor=0.1", "integration.maximum_substeps=30")
 """Give up early."""
-BOTH_WAYS = pytest.mark.parametrize("effects", [FEEDBACK, ONE_WAY], ids=["step by step", "one way"])
+BOTH_SOLUTIONS = pytest.mark.parametrize("effects", [FEEDBACK, UNCOUPLED], ids=["coupled", "uncoupled"])
 
 
 @pytest.fixture
@@ -93,7 +93,7 @@ def line(out: str) -> str:
 
 
 def test_percent() -> None:
-    shown = [percent(share) for share in (2.0, 0.384, 0.0951, 0.0123, 0.00034, 3e-15)]
+    shown = [percent(fraction) for fraction in (2.0, 0.384, 0.0951, 0.0123, 0.00034, 3e-15)]
     assert shown == ["200 %", "38 %", "9.5 %", "1.2 %", "0.034 %", "3e-13 %"]
 
 
@@ -104,52 +104,53 @@ def test_shipped_scenes_are_in_balance_or_say_what_balances_them(name: str) -> N
     balance = Balance(problem)
     assert not balance.warned and pulling(loaded, problem) == []
     if name == "strip_footing":
-        assert balance.found.share > 0.5 and "constant reference forces" in balance.text()
+        assert balance.found.fraction > 0.5 and "constant reference forces" in balance.text()
     else:
         # measured: 2e-15 to 9e-14
-        assert balance.found.share < 1e-12
+        assert balance.found.fraction < 1e-12
         assert re.fullmatch(r"initial stress and loads are in balance \(to \de-\d\d of .* forces\)", balance.text())
 
 
-@BOTH_WAYS
-@pytest.mark.parametrize(("weight", "share"), [(-17e3, 0.0), (17e3, 42.7), (-1.7e3, 19.2), (-16.9e3, 0.125)])
-def test_weights(run: Callable, effects: tuple, weight: float, share: float) -> None:
+@BOTH_SOLUTIONS
+@pytest.mark.parametrize(("weight", "fraction"), [(-17e3, 0.0), (17e3, 42.7), (-1.7e3, 19.2), (-16.9e3, 0.125)])
+def test_weights(run: Callable, effects: tuple, weight: float, fraction: float) -> None:
     """The right one, one upwards, one ten times too small, and one rounded: a warning from 1 % on."""
     result, told = run(COLUMN, f"stage.0.body_force=[{{value=[0.0, {weight}]}}]", *effects)
     assert result.code == 0, result.err
     said = line(result.out)
     entry = told["initial_imbalance"]
-    if share == 0.0:
-        assert "are in balance" in said and entry["share"] < 1e-12 and not entry["warned"]
+    if fraction == 0.0:
+        assert "are in balance" in said and entry["fraction"] < 1e-12 and not entry["warned"]
         return
-    assert said.startswith("warning: ") == entry["warned"] == (share > 1.0)
-    assert f"out of balance by {percent(entry['share'])} of the nodal forces, most near (" in said
+    assert said.startswith("warning: ") == entry["warned"] == (fraction > 1.0)
+    assert f"out of balance by {percent(entry['fraction'])} of the nodal forces, most near (" in said
     assert said.endswith('it fades out over stage "initial"')
-    assert 100 * entry["share"] == pytest.approx(share, rel=0.02)
+    assert 100 * entry["fraction"] == pytest.approx(fraction, rel=0.02)
     # before the first step, and beside the results
     assert result.out.index(said) < result.out.index("means and extremes")
     assert said in (Path(told["scene_file"]).parent / "out" / "run.log").read_text()
 
 
-@BOTH_WAYS
+@BOTH_SOLUTIONS
 def test_a_pressure_of_the_wrong_sign_is_told_and_told_again_when_the_run_fails(run: Callable, effects: tuple) -> None:
     wrong = "stage.0.pressure=[{boundary='left', value=-100e3}, {boundary='right', value=100e3}]"
     both = "stage.0.pressure=[{boundary='left', value=-100e3}, {boundary='right', value=-100e3}]"
     result, told = run(SPECIMEN, both, *effects, *EARLY)
     said = line(result.out)
     assert said.startswith("warning: ") and f"by {200 * FREE:.0f} % of the nodal forces" in said
-    assert 'warning: stage 1 "initial": pressure 1: the pressure on \'left\' is -1e+05 Pa, which pulls' in result.out
+    assert 'warning: stage 1 "initial": pressure 1: the pressure on \'left\' is -1e+05 Pa, tension' in result.out
     assert "pressure 2: the pressure on 'right'" in result.out
     assert result.code == 1 and told["outcome"] == "failed"
     assert f"were out of balance by {200 * FREE:.0f} % of the nodal forces, most near" in told["message"]
     assert 'fades out over stage "initial"' in told["message"] and told["message"] in result.out
+    assert re.search(r"\(point \d+ at \(\S+, \S+\) m.*; failed_point.toml holds it\)", told["message"])
     result, _ = run(SPECIMEN, wrong, *effects, *EARLY)
     assert "by 88 % of the nodal forces" in line(result.out) and "pressure 2: the" not in result.out
 
 
 def test_a_gradient_that_turns_a_pressure_into_a_pull(run: Callable) -> None:
-    result, _ = run(SPECIMEN, "stage.0.pressure.0.gradient=[0.0, -3e6]", *ONE_WAY)
-    assert "pressure 1: the pressure on 'left' is -2e+05 Pa, which pulls" in result.out
+    result, _ = run(SPECIMEN, "stage.0.pressure.0.gradient=[0.0, -3e6]", *UNCOUPLED)
+    assert "pressure 1: the pressure on 'left' is -2e+05 Pa, tension" in result.out
 
 
 @pytest.mark.parametrize(
@@ -161,7 +162,7 @@ def test_tractions_that_pull(tmp_path: Path, traction: str, said: bool) -> None:
     loads = [f"stage.1.traction=[{{boundary='right', value={traction}}}]", "stage.0.pressure=[]"]
     loaded = load(str(tmp_path / "own.toml"), loads)
     warnings = pulling(loaded, prepare(loaded).problem)
-    expected = 'warning: stage 2 "compression": traction 1: the traction on \'right\' pulls with 5000 Pa'
+    expected = 'warning: stage 2 "compression": traction 1: the traction on \'right\' is tensile, 5000 Pa'
     assert warnings == ([expected] if said else [])
     loaded = load(str(tmp_path / "own.toml"), loads[:1])
     assert pulling(loaded, prepare(loaded).problem) == []
@@ -172,7 +173,7 @@ def test_a_failure_that_has_other_reasons_does_not_speak_of_the_initial_state(ru
     assert result.code == 1 and told["outcome"] == "failed" and "balance" not in told["message"]
 
 
-@BOTH_WAYS
+@BOTH_SOLUTIONS
 def test_reference_forces_are_told_and_not_warned_of(run: Callable, effects: tuple) -> None:
     result, told = run(SPECIMEN, "stage.0.pressure=[]", "initial.balance=true", *effects)
     said = line(result.out)
@@ -181,7 +182,7 @@ def test_reference_forces_are_told_and_not_warned_of(run: Callable, effects: tup
     assert not told["initial_imbalance"]["warned"] and result.code == 0
 
 
-@BOTH_WAYS
+@BOTH_SOLUTIONS
 @pytest.mark.parametrize(("value", "rest"), [(100e3, 0.0), (50e3, 50.0), (0.0, 100.0)])
 def test_a_first_stage_of_another_name(run: Callable, effects: tuple, value: float, rest: float) -> None:
     """Its loads come up while the imbalance fades out: a warning only if they do not take its place."""
@@ -192,10 +193,10 @@ def test_a_first_stage_of_another_name(run: Callable, effects: tuple, value: flo
     assert 'not named "initial"' in said
     assert said.startswith("warning: ") == (rest > 1.0)
     assert ("the loads balance it" if not rest else f"the loads leave {FREE * rest:.0f} % unbalanced") in said
-    assert 100 * told["initial_imbalance"]["share_at_end_of_first_stage"] == pytest.approx(FREE * rest, abs=1e-9)
+    assert 100 * told["initial_imbalance"]["fraction_at_end_of_first_stage"] == pytest.approx(FREE * rest, abs=1e-9)
 
 
-@BOTH_WAYS
+@BOTH_SOLUTIONS
 def test_a_resumed_run_keeps_what_was_said(
     run: Callable, effects: tuple, granfabric: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -206,9 +207,9 @@ def test_a_resumed_run_keeps_what_was_said(
     with monkeypatch.context() as patch:
         from contextlib import contextmanager
 
-        from granfabric.cases.terminal.interruption import StopWish
+        from granfabric.cases.terminal.interruption import InterruptRequest
 
-        patch.setattr(StopWish, "__call__", lambda self: self.wished)
+        patch.setattr(InterruptRequest, "__call__", lambda self: self.requested)
 
         @contextmanager
         def interrupting(self: Screen, what: str, total: float):
@@ -225,7 +226,7 @@ def test_a_resumed_run_keeps_what_was_said(
     assert line(resumed.out) == line(whole.out)
 
 
-@BOTH_WAYS
+@BOTH_SOLUTIONS
 def test_released_supports_are_told_with_what_they_carried(run: Callable, effects: tuple) -> None:
     last = '\n[[stage]]\nname = "free"\nkeep = false\nincrements = 1\n' + SPECIMEN.split("increments = 2\n")[1].replace(
         ', { boundary = "top", components = ["y"] }', ""
@@ -237,3 +238,55 @@ def test_released_supports_are_told_with_what_they_carried(run: Callable, effect
     assert told["released"][0]["sum"] == pytest.approx(5000.0, rel=1e-9)
     assert told["released"][0]["resultant"] == pytest.approx([0.0, -5000.0], abs=1e-6)
     assert ("(stage \"free\" releases supports that carried 5000 N/m)" in told["message"]) == (result.code == 1)
+
+
+@pytest.mark.parametrize(
+    ("assignments", "said"),
+    [
+        ([], ""),
+        (
+            ["stage.0.fixed=[]", "stage.0.fixed_point=[]"],
+            'warning: stage 1 "initial": the supports leave the body free to move along x and to move along y and to '
+            "turn; hold it by fixed, displacement or fixed_point",
+        ),
+        (
+            ["stage.0.fixed_point=[]"],
+            'warning: stage 1 "initial": the supports leave the body free to move along x; hold it by fixed, '
+            "displacement or fixed_point",
+        ),
+        (
+            ["stage.0.fixed_point=[]", "stage.1.fixed_point=[{point=[0.0, 0.0]}]"],
+            'warning: stage 1 "initial": the supports leave the body free to move along x; hold it by fixed, '
+            "displacement or fixed_point",
+        ),
+        (
+            ["stage.1.keep=false"],
+            'warning: stage 2 "compression": the supports leave the body free to move along x; hold it by fixed, '
+            "displacement or fixed_point",
+        ),
+    ],
+)
+def test_a_body_that_is_not_held_is_told(tmp_path: Path, assignments: list[str], said: str) -> None:
+    (tmp_path / "own.toml").write_text(SPECIMEN)
+    loaded = load(str(tmp_path / "own.toml"), assignments)
+    assert unheld(loaded, prepare(loaded).problem) == ([said] if said else [])
+
+
+def test_a_stage_without_loads_is_told(run: Callable, tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(SPECIMEN)
+    assert unchanged(load(str(tmp_path / "own.toml"))) == []
+    assert unchanged(load(str(tmp_path / "own.toml"), ["stage.1.displacement=[]", "stage.1.keep=false"])) == []
+    result, _ = run(SPECIMEN, "stage.1.displacement=[]", *UNCOUPLED)
+    assert 'warning: stage 2 "compression": the stage has no loads: nothing changes in it' in result.out
+
+
+def test_a_pressure_in_kilopascals_is_told(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(SPECIMEN)
+    found = {}
+    for pressure in (100e3, 1e3, 100.0):
+        loaded = load(str(tmp_path / "own.toml"), [f"initial.stress=[{-pressure}, {-pressure}, 0.0]"])
+        found[pressure] = soft(loaded, prepare(loaded).problem)
+    assert found[100e3] == found[1e3] == []
+    assert found[100.0] == [
+        "warning: mean initial pressure 100 Pa, kn/p = 1e+07: stresses are in Pa, not kPa (100 kPa is 100e3)"
+    ]

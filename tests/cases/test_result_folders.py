@@ -413,10 +413,10 @@ def test_a_resumed_run_goes_on_with_its_log(
     granfabric: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file, out = write(tmp_path, "field.toml", FIELD), tmp_path / "out"
-    from granfabric.cases.terminal.interruption import StopWish
+    from granfabric.cases.terminal.interruption import InterruptRequest
 
     with monkeypatch.context() as patch:
-        patch.setattr(StopWish, "__call__", lambda self: (out / "result_0001.vtu").is_file())
+        patch.setattr(InterruptRequest, "__call__", lambda self: (out / "result_0001.vtu").is_file())
         granfabric("run", file, "-o", out)
     first = (out / "run.log").read_text()
     assert granfabric("run", file, "-o", out, "--resume").code == 0
@@ -500,7 +500,7 @@ def test_phases_leave_compiling_out() -> None:
     with accounting.phase("law"):
         now[0] += 3.0
     assert accounting.seconds["law"] == 3.0 and "clock" not in accounting.counters()
-    accounting.take_up({**accounting.counters(), "steps": 4}, {**accounting.seconds})
+    accounting.continue_from({**accounting.counters(), "steps": 4}, {**accounting.seconds})
     assert accounting.steps == 4 and accounting.seconds["law"] == 6.0
 
 

@@ -104,3 +104,9 @@ def test_contact_loss_moves_the_wall_further() -> None:
         inner = problem.space.boundary_nodes("inner")
         moved.append(float(np.linalg.norm(steps[-1].displacement.reshape(-1, 2)[inner], axis=1).mean()))
     assert 1.05 < moved[0] / moved[1] < 1.2
+
+
+def test_convergence_of_another_kind_of_scene_names_its_command(granfabric: Callable, tmp_path: Path) -> None:
+    """Not a key that nobody gave."""
+    result = granfabric("convergence", "p_constant", "-o", tmp_path / "out")
+    assert result.code == 2 and "use `granfabric point p_constant`" in result.err and "--set" not in result.err

@@ -83,7 +83,7 @@ def test_part_of_a_boundary_and_graded_stress_are_refused_with_a_sentence(granfa
         ("mesh.part=[{name='footing', boundary='top', x=[5.0, 6.0]}]", "no side of boundary 'top' lies between"),
         ("mesh.part=[{name='top', boundary='top', x=[0.0, 1.0]}]", "has a boundary 'top' already"),
         ("mesh.part=[{name='footing', boundary='tip', x=[0.0, 1.0]}]", "nearest is 'top'"),
-        ("initial.stress=[0.0, 0.0, 1e3]", "the stress has to press in every direction"),
+        ("initial.stress=[0.0, 0.0, 1e3]", "the stress must be compressive in every direction"),
         ("random_state={seed=1, standard_deviation=1.5, correlation_length=[1.0, 1.0]}", "smaller standard_deviation"),
     ):
         result = granfabric("run", "strip_footing", "-o", tmp_path / "out", "--set", assignment)
@@ -95,7 +95,7 @@ def test_part_of_a_boundary_and_graded_stress_are_refused_with_a_sentence(granfa
 def test_bearing_capacity_against_prandtl(solve_scene: Callable) -> None:
     """N_q of Prandtl and Reissner with associated flow. Displacement elements come to the
     limit load from above here, and err in proportion to the size of the elements at the singular edge: two meshes,
-    drawn on to zero size, meet the closed form within what the second order leaves, h^2 of 1/16, about 2 %."""
+    extrapolated to zero size, meet the closed form within what the second order leaves, h^2 of 1/16, about 2 %."""
     sine, apex = 0.3, 1e3
     prandtl = np.exp(np.pi * np.tan(np.arcsin(sine))) * (1 + sine) / (1 - sine) * (100e3 + apex) - apex
     limit = []

@@ -72,12 +72,12 @@ def test_stress_in_a_weak_inclusion(solve_scene: Callable) -> None:
     deviator = gi / g * (g + stiffening) / (gi + stiffening)
     assert pressure < 0.95 and deviator < 0.8
     fraction = weights.sum() / problem.space.weights.sum()
-    for share, found in (
+    for expected, found in (
         (pressure, (within[0] + within[1]) / (far[0] + far[1])),
         (deviator, (within[0] - within[1]) / (far[0] - far[1])),
     ):
-        assert found == pytest.approx(share / (1 - fraction + fraction * share), abs=0.03)
-    # What the sides reflect varies over the inclusion by a like share of itself: (8/25)^2 of 3 %.
+        assert found == pytest.approx(expected / (1 - fraction + fraction * expected), abs=0.03)
+    # What the sides reflect varies over the inclusion by a like fraction of itself: (8/25)^2 of 3 %.
     assert change[inside, 1].std() < 0.003 * abs(far[1])
     assert problem.space.host_mesh.curved is not None
 

@@ -15,7 +15,9 @@ from granfabric.cases.scene.material_file import read_material
 from granfabric.cases.scene.reader import assign, check, load, parse_assignment
 from granfabric.cases.scene.schema import MODELS, json_schema, schema_text
 from granfabric.cases.scene.schema_law import EffectsSection, MaterialSection
+from granfabric.cases.scene.schema_stage import DisplacementLoad, StageSection
 from granfabric.cases.scene.toml_text import to_toml
+from granfabric.cases.scene.validation_messages import COUNTERPARTS
 from granfabric.constitutive.effects import Effects
 from granfabric.constitutive.parameters import Material
 
@@ -66,6 +68,9 @@ def refused(text: str, *assignments: str) -> str:
 
 BAD = [
     (POINT, "material.cordination=4.0", ["--set", "material.cordination", "legal: coordination", "'coordination'"]),
+    (POINT, "material.friction_angle=30", ["legal: ", "'peak_stress_ratio' (the sine of the friction angle)"]),
+    (POINT, "material.void_ratio=0.6", ["the nearest is 'solid_fraction' (1/(1 + e))"]),
+    (POINT, "initial.stress=-100e3", ["initial.stress = -100000.0 is not a list in brackets (xx, yy, xy [Pa], "]),
     (POINT, "material.coordination=9", ["--set", "material.coordination = 9", "[0.001, 6]", "coordination number"]),
     (POINT, "material.solid_fraction=-0.1", ["material.solid_fraction = -0.1", "[0.001, 1]"]),
     (POINT, 'material.coordination="4"', ["material.coordination = '4' is not a number"]),
@@ -321,3 +326,14 @@ def test_field_sections_are_refused_with_a_sentence(assignment: str, parts: list
     assert "\n" not in sentence
     for part in parts:
         assert part in sentence, sentence
+
+
+def test_a_key_of_another_program_is_told_once() -> None:
+    """The key that takes its place is missing because of it."""
+    said = refused(FIELD, "stage.0.displacement=[{boundary='top', direction='y', value=-1e-6}]")
+    assert "'direction' is unknown" in said and said.endswith("the nearest is 'component' (x or y)")
+
+
+def test_counterparts_exist() -> None:
+    keys = {*MaterialSection.model_fields, *StageSection.model_fields, *DisplacementLoad.model_fields}
+    assert {key for key, _ in COUNTERPARTS.values()} <= keys and not keys & set(COUNTERPARTS)

@@ -18,10 +18,9 @@ from granfabric.cases.commands.convergence import Level
 from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.audit import Audit, Neglected
-from granfabric.cases.effects.decision import Decision, Judged
+from granfabric.cases.effects.decision import AssessedEffect, Decision
 from granfabric.cases.effects.numbers import Numbers
-from granfabric.cases.field import closed_forms, comparison
-from granfabric.cases.field import mesh_error_estimate as mesh_judgement
+from granfabric.cases.field import closed_forms, comparison, mesh_error_estimate
 from granfabric.cases.records import files
 from granfabric.cases.scene import catalogue, measured
 from granfabric.cases.scene.effects_choice import EffectSet
@@ -159,6 +158,40 @@ def test_legs_that_end_at_their_largest_strain_are_told(sign: float) -> None:
         f"leg 3 ended at its largest strain of 0.03, at q/p = {sign * 0.31:.3f} instead of {sign * 0.4:g}",
         f"leg 4 ended at its largest strain of 0.04, at q/p = {sign * 0.1:.3f} instead of {-sign * 0.2:g}",
     ]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_legs_that_run_past_their_end_are_told(sign: float) -> None:
+    """Loaded too fast, a packing is far beyond the stress ratio when the loading is stopped."""
+    segments = [Segment(shear_strain=sign * 0.01, stress_ratio=sign * 0.2)] * 2
+    ratio = sign * np.array([0.0, 0.66, 0.209])
+    history = {
+        "segment": np.array([0, 1, 2]), "stress_xx": -1e5 * (1 - ratio), "stress_yy": -1e5 * (1 + ratio),
+        "stress_xy": 0.0 * ratio,
+    }  # fmt: skip
+    options = SimpleNamespace(segments=segments)
+    run: Any = SimpleNamespace(history=lambda: history, options=options, reason="", segment=2)
+    assert dem._not_reached(run, [1, 2]) == [
+        f"leg 1 ran past its end, to q/p = {sign * 0.66:.3f} instead of {sign * 0.2:g}: the loading is too fast for "
+        "the packing (see [rates])"
+    ]
+
+
+def test_doubts_are_told_to_those_who_want_it_quiet(told: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What could not be measured, what the law will refuse and a leg that was not ended."""
+    insisted: list[str] = []
+    monkeypatch.setattr(Screen, "say", lambda _, text, insist=False: insisted.append(text) if insist else None)
+    values = Inputs({"weak_contact_ratio": -1.9}, {"weak_contact_ratio": 17.0})
+    details = {"measured": as_data(values), "not_reached": ["leg 1 ran past its end"], "packing": {
+        "particles": 50, "void_ratio": 0.2, "coordination": 3.9, "coordination_without_rattlers": 4.0}}  # fmt: skip
+    columns = ("strain_xx", "strain_yy", "q", "inertial_number", "unbalanced_force", *dem._TABLE)
+    h = {name: np.zeros(2) for name in columns} | {"p": np.ones(2), "segment": np.array([0, 1])}
+    record: Any = SimpleNamespace(
+        details=details, outcome="finished", timing={}, folder="there", scene={"title": "made up"}
+    )
+    dem._report(SimpleNamespace(history=lambda: h), record, Screen())  # type: ignore[arg-type]
+    assert insisted[0] == "leg 1 ran past its end" and insisted[1].startswith("material.toml: weak_contact_ratio")
+    assert len(insisted) == 2
 
 
 def test_sliding_is_measured_on_the_first_leg_and_told(
@@ -360,13 +393,13 @@ def test_table_of_convergence(
 
 FACTS = Numbers(
     stress_ratio=0.31, stress_ratio_way=0.6, off_axis=0.042, turn_degrees=33.0, pressure_rise=0.2, pressure_fall=0.5,
-    reversal=0.11, gain_bound=3.2e-4, loss=0.145, stiffness_change=0.27, low_pressure_share=0.012,
+    reversal=0.11, gain_bound=3.2e-4, loss=0.145, stiffness_change=0.27, low_pressure_fraction=0.012,
 )  # fmt: skip
 
 
-def judged(name: str, on: bool, error: float, largest: float, quantity: str, **more: Any) -> Judged:
+def assessed(name: str, on: bool, error: float, largest: float, quantity: str, **more: Any) -> AssessedEffect:
     values = {"asked": "auto", "columns": 2, "time_ratio": 1.37, **more}
-    return Judged(name, values["asked"], on, error, largest, quantity, values["columns"], values["time_ratio"])
+    return AssessedEffect(name, values["asked"], on, error, largest, quantity, values["columns"], values["time_ratio"])
 
 
 def decision() -> Decision:
@@ -376,11 +409,11 @@ def decision() -> Decision:
     return Decision(
         chosen,
         [
-            judged("contact_loss", True, 0.21, 0.33, "coordination"),
-            judged("contact_gain", False, 2e-4, 4e-4, "fabric", columns=0, time_ratio=np.nan),
-            judged("principal_rotation", False, 0.05, 0.09, "stress", asked=False),
-            judged("sliding", False, 0.0, 0.0, "", columns=5),
-            judged("force_change", True, np.inf, np.inf, "strain", asked=True, columns=-1),
+            assessed("contact_loss", True, 0.21, 0.33, "coordination"),
+            assessed("contact_gain", False, 2e-4, 4e-4, "fabric", columns=0, time_ratio=np.nan),
+            assessed("principal_rotation", False, 0.05, 0.09, "stress", asked=False),
+            assessed("sliding", False, 0.0, 0.0, "", columns=5),
+            assessed("force_change", True, np.inf, np.inf, "strain", asked=True, columns=-1),
         ],
         3e-4, 0.01, FACTS,
     )  # fmt: skip
@@ -408,11 +441,12 @@ def test_lines_on_effects() -> None:
         "effects: contact_loss, stiffness_feedback, irreversible_spread; force_change = shifted_distribution"
     )
     assert second == (
-        "left out (error each): contact_gain 2.0e-04; together 3.0e-04, tolerance 0.01; off as the scene says although "
-        "it matters: principal_rotation 5.0e-02"
+        "left out (estimated error of each): contact_gain 2.0e-04; together 3.0e-04, tolerance 0.01; switched off by "
+        "the scene, error above the tolerance: principal_rotation 5.0e-02"
     )
     assert third == (
-        "elastic probe: q/p to 0.31, axes turn 33 deg, ln p -0.5 to +0.2, pressure nearly gone on 1.2% of the area; "
+        "elastic probe: q/p to 0.31, principal stress rotation 33 deg, ln p -0.5 to +0.2, "
+        "pressure nearly gone on 1.2% of the area; "
         "stiffness follows the state"
     )
     assert effects_report.lines(decision(), True)[2].endswith("; displacements by one linear solve a stage")
@@ -439,7 +473,7 @@ def test_sentences_of_the_audit() -> None:
         ("coordination", "z by up to 4.0e-01"), ("fabric", "a_c by up to 4.0e-01"),
     ):  # fmt: skip
         audit = Audit([entry("contact_gain", True, quantity), entry("principal_rotation", False)], 0.1)
-        warning, rest = effects_audit.sentences(audit, scene)
+        warning, rest = effects_audit.messages(audit, scene)
         assert warning == (
             f"warning: contact_gain is off and would have changed {words} on 25% of the area (x = 0 ... 1 m); on the "
             "mean 2.0e-02, tolerance 0.01; --upgrade turns it on"
@@ -449,9 +483,9 @@ def test_sentences_of_the_audit() -> None:
     assert effects_audit.to_upgrade(audit) == [
         'closure.force_change="shifted_distribution"', "effects.contact_gain=true"
     ]  # fmt: skip
-    assert effects_audit.sentences(audit, scene)[-1].startswith("audit: q/p reaches 0.31 without sliding; beyond 0.25")
+    assert effects_audit.messages(audit, scene)[-1].startswith("audit: q/p reaches 0.31 without sliding; beyond 0.25")
     data = effects_audit.as_data(Audit([entry("contact_gain", True, largest=np.inf)], 0.1))[0]
-    assert (data["mean"], data["most"], data["largest"], data["share"]) == (0.02, 0.03, "without bound", 0.25)
+    assert (data["mean"], data["most"], data["largest"], data["fraction"]) == (0.02, 0.03, "without bound", 0.25)
 
 
 # the mesh, accuracy, scenes
@@ -467,7 +501,7 @@ def test_the_mesh_is_judged_by_the_change_of_stress_region_by_region(
     assert len(np.unique(region)) > 1
     found = stress_error(space, last.stress - problem.initial_stress, region)
     record: Any = SimpleNamespace(details={})
-    mesh_judgement.judge(tmp_path, record, problem, last)
+    mesh_error_estimate.estimate(tmp_path, record, problem, last)
     assert record.details["mesh_error"]["stress"] == found.relative
     worst = space.host_mesh.mesh.p[:, space.host_mesh.mesh.t[:, found.of_cells.argmax()]].mean(axis=1)
     assert record.details["mesh_error"]["place"] == pytest.approx(worst.tolist())
@@ -480,9 +514,9 @@ def test_the_mesh_is_judged_by_the_change_of_stress_region_by_region(
 
 def test_line_on_the_mesh(told: Any) -> None:
     record: Any = SimpleNamespace(details={"mesh_error": {"stress": 0.0123, "place": [0.25, 1.5]}})
-    mesh_judgement.report(record, Screen())
+    mesh_error_estimate.report(record, Screen())
     assert told.lines == [
-        "mesh: stress changes err by about 1.2 % of their norm (estimate), most near (0.25, 1.5) m: mesh_error.vtu"
+        "mesh: estimated error of the stress changes 1.2 % of their norm, largest near (0.25, 1.5) m: mesh_error.vtu"
     ]
 
 
@@ -513,3 +547,10 @@ def test_list_of_scenes(granfabric: Callable) -> None:
             name = line.split()[0]
             found[name] = (kind, line.strip()[len(name) :].strip())
     assert found == {name: (entry.kind, entry.title) for name, entry in catalogue.shipped().items()}
+
+
+def test_units_stay_in_the_head_of_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+    """A unit in brackets that begins with a letter looks like markup."""
+    Screen().table("Title [Pa]", ["group", "p [kPa]", "x [m]"], [["[a]", "1", "2"]], ("group",))
+    out = capsys.readouterr().out
+    assert "Title [Pa]" in out and "p [kPa]" in out and "x [m]" in out and "[a]" in out

@@ -133,10 +133,10 @@ def test_paths_probes_and_closures_of_a_comparison(compared: Path) -> None:
     assert min(closures_told["microseconds_per_update"]) > 0.0
     end = {
         closure: model
-        for path, closure, quantity, segment, share, model in zip(
-            *(columns[name] for name in ("path", "closure", "quantity", "segment", "share", "model"))
+        for path, closure, quantity, segment, fraction, model in zip(
+            *(columns[name] for name in ("path", "closure", "quantity", "segment", "fraction", "model"))
         )
-        if (path, quantity, segment, share) == ("cycles", "coordination", 4, 1.0)
+        if (path, quantity, segment, fraction) == ("cycles", "coordination", 4, 1.0)
     }
     # after two cycles the source's rates, which lose on unloading too, are far below
     assert end[SOURCE] < end["shifted_distribution, frictional"] - 0.3
@@ -148,10 +148,10 @@ def test_paths_probes_and_closures_of_a_comparison(compared: Path) -> None:
         found.append(sampled(history, places)["coordination"][np.flatnonzero(segments == 2)[-1]])
     told = [
         dem
-        for path, quantity, segment, share, dem in zip(
-            columns["path"], columns["quantity"], columns["segment"], columns["share"], columns["dem"]
+        for path, quantity, segment, fraction, dem in zip(
+            columns["path"], columns["quantity"], columns["segment"], columns["fraction"], columns["dem"]
         )
-        if (path, quantity, segment, share) == ("cycles", "coordination", 2, 1.0)
+        if (path, quantity, segment, fraction) == ("cycles", "coordination", 2, 1.0)
     ]
     np.testing.assert_allclose(told, np.mean(found), rtol=1e-12)
     probes = files.read_csv(compared / "probes.csv")
@@ -248,7 +248,7 @@ def test_model_and_grains_move_the_same_way(compared: Path) -> None:
         for quantity, size in sizes.items():
             dem, model = at[loading, best, quantity, 0.25]
             assert dem > 0 and model > 0 and abs(dem - model) < size, (loading, quantity)
-    found = _both_sides(compared / "paths.csv", "path", "closure", "quantity", "segment", "share")
+    found = _both_sides(compared / "paths.csv", "path", "closure", "quantity", "segment", "fraction")
     for quantity in ("fabric_along", "normal_along", "tangential_along"):
         for segment, sign in ((1, 1.0), (3, 1.0), (5, -1.0)):
             dem, model = found["cycles", best, quantity, segment, 1.0]

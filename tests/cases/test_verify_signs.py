@@ -32,9 +32,9 @@ from granfabric.cases.verify.dem_side import LOADINGS, STRESS_RATIO, loading_opt
 from granfabric.cases.verify.model_side import SOURCE, SOURCE_CLOSED, closures, follow, targets
 from granfabric.cases.verify.paths import (
     AMPLITUDE,
+    FRACTIONS,
     PATH_COLUMNS,
     PATHS,
-    SHARES,
     PathRow,
     compare_path,
     dem_columns,
@@ -229,7 +229,7 @@ def test_a_model_that_ends_early_has_no_numbers_beyond() -> None:
     assert message and np.isfinite(found["coordination"][:3]).all() and np.isnan(found["coordination"][3:]).all()
 
 
-def test_places_along_segments_are_shares_of_the_way_of_the_deviator() -> None:
+def test_places_along_segments_are_fractions_of_the_way_of_the_deviator() -> None:
     """Two segments with uneven records: a tenth of the way is a tenth of the stress path, not of the records."""
     q = np.array([0.0, 1.0, 4.0, 10.0, 7.0, 0.0]) * 1e3
     history = {
@@ -237,12 +237,13 @@ def test_places_along_segments_are_shares_of_the_way_of_the_deviator() -> None:
     }  # fmt: skip
     places, numbers = positions(history)
     assert numbers.tolist() == [1] * 11 + [2] * 11
-    np.testing.assert_allclose(sampled({"q": q}, places)["q"], [*(1e4 * SHARES), *(1e4 * (1 - SHARES))], atol=1e-9)
+    expected = [*(1e4 * FRACTIONS), *(1e4 * (1 - FRACTIONS))]
+    np.testing.assert_allclose(sampled({"q": q}, places)["q"], expected, atol=1e-9)
     assert places[0] == 0 and places[10] == 3 and places[11] == 3 and places[-1] == 5
     # shear alone counts in full
     history["stress_xx"] = history["stress_yy"] = np.full(6, -P)
     history["stress_xy"] = q
-    np.testing.assert_allclose(sampled({"q": q}, positions(history)[0])["q"][:11], 1e4 * SHARES, atol=1e-9)
+    np.testing.assert_allclose(sampled({"q": q}, positions(history)[0])["q"][:11], 1e4 * FRACTIONS, atol=1e-9)
 
 
 def test_paths_are_cycles_with_a_reversal_and_half_a_turn() -> None:
@@ -267,7 +268,7 @@ def test_stress_ratio_of_cycles_is_signed_and_the_turn_is_counted_from_its_start
     study, rows, messages = verify_evaluate._along("cycles", [seed({"cycles": cycles})])
     assert not messages
     np.testing.assert_allclose(study.stress_ratio[[0, 10, 21, 32]], [0.0, 0.2, 0.0, -0.2], atol=1e-12)
-    end = next(row for row in rows if (row.segment, row.share, row.quantity) == (3, 1.0, "coordination"))
+    end = next(row for row in rows if (row.segment, row.fraction, row.quantity) == (3, 1.0, "coordination"))
     assert end.stress_ratio == pytest.approx(-0.2) and end.dem == pytest.approx(4.0 - 0.06)
     assert end.error == pytest.approx(end.model - end.dem)
     angle = np.array([90.0, 90.0, 90.0, 120.0, 150.0, 180.0, 210.0])
@@ -287,14 +288,14 @@ def test_rows_of_a_path_are_model_minus_dem() -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("granfabric.cases.verify.paths.QUANTITIES", ("a",))
         rows = compare_path("cycles", "some", dem, model, segments, np.arange(22.0), -np.arange(22.0))
-    assert [(row.segment, row.share) for row in rows] == [(1, 0.5), (1, 1.0), (2, 0.5), (2, 1.0)]
+    assert [(row.segment, row.fraction) for row in rows] == [(1, 0.5), (1, 1.0), (2, 0.5), (2, 1.0)]
     assert [row.stress_ratio for row in rows] == [5.0, 10.0, 16.0, 21.0]
     assert [row.angle for row in rows] == [-5.0, -10.0, -16.0, -21.0]
     for row in rows:
         assert (row.dem, row.model, row.error) == (2.0, 2.0, 0.0)
         assert row.dem_scatter == pytest.approx(np.sqrt(2)) and row.error_scatter == pytest.approx(np.sqrt(0.5))
     assert PATH_COLUMNS == (
-        "path", "closure", "quantity", "segment", "share", "stress_ratio", "angle", "dem", "dem_scatter", "model",
+        "path", "closure", "quantity", "segment", "fraction", "stress_ratio", "angle", "dem", "dem_scatter", "model",
         "error", "error_scatter",
     )  # fmt: skip
 
@@ -457,7 +458,7 @@ def test_doubtful_inputs_are_marked_with_their_packing(monkeypatch: pytest.Monke
     }
     results = {number: SimpleNamespace(measured=inputs) for number, inputs in measured.items()}
     store: Any = SimpleNamespace(complete=lambda number, report, stop: results[number])
-    assert verify._judge(store, [1, 2], Screen(), SimpleNamespace(wished=False)) == [*results.values()]  # type: ignore
+    assert verify._measured(store, [1, 2], Screen(), SimpleNamespace(requested=False)) == [*results.values()]  # type: ignore
     assert told.lines == [
         "seed 1: slip = 0.2 +- 0.3: its error is larger than itself",
         "seed 2: fluctuation is not measured: this packing does not give it",

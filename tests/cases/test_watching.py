@@ -9,7 +9,7 @@ import numba
 import pytest
 
 from granfabric.cases.terminal.compile_watch import watching
-from granfabric.cases.terminal.interruption import stop_wish
+from granfabric.cases.terminal.interruption import interrupt_request
 
 
 def test_compilation_is_announced_once_and_timed() -> None:
@@ -36,7 +36,7 @@ def test_compilation_is_announced_once_and_timed() -> None:
 def test_first_interruption_is_a_wish_and_the_second_is_an_interruption() -> None:
     before = signal.getsignal(signal.SIGINT)
     announced: list[bool] = []
-    with stop_wish(lambda: announced.append(True)) as stop:
+    with interrupt_request(lambda: announced.append(True)) as stop:
         assert not stop()
         signal.raise_signal(signal.SIGINT)
         assert stop() and announced == [True]
@@ -50,7 +50,7 @@ def test_outside_the_main_thread_nothing_is_caught() -> None:
     seen: list[object] = []
 
     def work() -> None:
-        with stop_wish(lambda: None) as stop:
+        with interrupt_request(lambda: None) as stop:
             seen.extend([signal.getsignal(signal.SIGINT), stop()])
 
     thread = threading.Thread(target=work)

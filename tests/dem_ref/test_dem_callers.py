@@ -22,6 +22,8 @@ from granfabric.dem_ref.dynamics.motion import Control, Motion, UnstableMotionEr
 from granfabric.dem_ref.dynamics.packing import PackingOptions, make_packing
 from granfabric.dem_ref.dynamics.relaxation import relax
 from granfabric.dem_ref.ensemble import for_seeds
+from granfabric.dem_ref.loading.path import Segment
+from granfabric.dem_ref.loading.run import RunOptions
 from granfabric.dem_ref.loading.servo import RateLimits
 from granfabric.dem_ref.sample import neighbours
 from granfabric.dem_ref.sample.disks import Sample, new_sample
@@ -334,6 +336,26 @@ def test_an_interrupted_motion_is_whole():
         assert np.array_equal(motion.stress, expected.stress)
         assert np.array_equal(sample.pairs.tangential, expected.sample.pairs.tangential)
     assert caught == 20
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [(name, value) for name in ("shear_strain", "pressure", "angle") for value in (np.nan, np.inf, "a", None, True)]
+    + [("stress_ratio", np.nan), ("stress_ratio", "a")],
+)
+def test_numbers_of_a_segment_are_finite(name, value):
+    # a stress ratio of NaN is never reached: the leg went on to its largest strain and said nothing
+    with pytest.raises(SampleError, match=f"{name} of a segment is .*, not a finite number"):
+        Segment(**{name: value})
+
+
+def test_segments_that_can_be_read_once_are_kept():
+    leg = Segment("mixed", control=iter(("strain",) * 3), target=iter((1e-5, -1e-5, 0.0)))
+    assert leg == Segment("mixed", control=("strain",) * 3, target=(1e-5, -1e-5, 0.0))
+    assert RunOptions(segments=iter([leg, leg])) == RunOptions(segments=(leg, leg)) == RunOptions(segments=[leg, leg])
+    assert RunOptions(segments=leg) == RunOptions(segments=(leg,))
+    with pytest.raises(SampleError, match="a run consists of segments, of the class Segment, not of 3"):
+        RunOptions(segments=[3])
 
 
 def test_no_two_kernels_share_stored_code():

@@ -85,16 +85,16 @@ def test_later_legs_are_not_begun_without_pressure(small):
     run = followed(small, WITHOUT_PRESSURE["expansion"], back)
     assert run.segment == 1 and run.message.startswith("segment 1:")
     # measured against the start of the run, not of the leg: two legs of which neither loses a thousandth
-    down = [Segment("invariants", pressure=share, stress_ratio=0.0) for share in (0.02, 0.01)]
+    down = [Segment("invariants", pressure=fraction, stress_ratio=0.0) for fraction in (0.02, 0.01)]
     run = followed(small, *down, mixed(STRAIN, (1e-5, 1e-5, 0.0), relative=True), limits=RateLimits(1e-4, 1e-3))
     assert run.message.startswith("segment 3: the sample has lost its pressure: p = ")
     assert 0.5e-3 * P < run.history()["p"][-1] < 1e-3 * P
 
 
-@pytest.mark.parametrize("share", [1e-2, 2e-4])
-def test_low_pressures_that_are_asked_for_are_reached(small, share):
-    run = followed(small, Segment("invariants", pressure=share, stress_ratio=0.0), limits=RateLimits(1e-4, 1e-3))
-    assert run.message == "" and run.history()["p"][-1] == pytest.approx(share * P, rel=1e-3)
+@pytest.mark.parametrize("fraction", [1e-2, 2e-4])
+def test_low_pressures_that_are_asked_for_are_reached(small, fraction):
+    run = followed(small, Segment("invariants", pressure=fraction, stress_ratio=0.0), limits=RateLimits(1e-4, 1e-3))
+    assert run.message == "" and run.history()["p"][-1] == pytest.approx(fraction * P, rel=1e-3)
 
 
 def test_disks_that_do_not_touch_are_in_balance_but_not_at_rest(apart):

@@ -1,7 +1,7 @@
 """Measured inputs of the point law against made-up contact lists and probes whose answers are known.
 
-The numbers of the definitions (windows, shares of the mean force, sizes of probes) are written out here once more: what
-a packing is said to have depends on them.
+The numbers of the definitions (windows, fractions of the mean force, sizes of probes) are written out here once more:
+what a packing is said to have depends on them.
 """
 
 from __future__ import annotations
@@ -313,8 +313,8 @@ def test_moduli_of_made_up_probes():
     k, g = 3e8, 1.7e8
     contacts = contacts_of(sample)
     isotropic = []
-    for dp, share in ((200.0, 1.1), (-200.0, 0.9)):  # K and its mean, from both signs
-        volume = -dp / (share * k)
+    for dp, fraction in ((200.0, 1.1), (-200.0, 0.9)):  # K and its mean, from both signs
+        volume = -dp / (fraction * k)
         # an imperfect probe: the two strains differ, their sum counts
         isotropic.append(made_probe([-dp, -dp, 3.0], [0.7 * volume, 0.3 * volume, 1e-9], contacts))
     shear = [
@@ -367,7 +367,7 @@ def test_isostatic_coordination_is_where_the_line_through_two_moduli_ends(monkey
     """G = a (z - z_iso) with z_iso = 2.5, before and after an isotropic unloading by a twentieth of p.
 
     Its error is what a count of contacts lost, of one more and as of independent ones, and the modulus after unloading
-    move: that by the scatter of a direction, and by the share of the count in it.
+    move: that by the scatter of a direction, and by the fraction of the count in it.
     """
     packed, unloaded = (
         SimpleNamespace(all_particles=a, without_rattlers=b) for a, b in ((4.0, 4.2), (3.7, 4.0))
@@ -434,9 +434,9 @@ FORCES = np.array([0.02, 0.05, 0.08, 0.11, 0.14, 0.16, 0.25, 0.4, 2.0, 2.5, 3.3]
 def response_of(force):
     """Change of a contact's force over the mean change of its direction: a line below 0.15, anything above, mean 1."""
     weak = force < 0.15
-    share = np.where(weak, CHI + BELOW * force, 1.6)
-    share[-1] += 1.0 * len(force) - share.sum()
-    return share
+    fraction = np.where(weak, CHI + BELOW * force, 1.6)
+    fraction[-1] += 1.0 * len(force) - fraction.sum()
+    return fraction
 
 
 def grid():
@@ -445,8 +445,8 @@ def grid():
     strong = FORCES.copy()
     strong[-3:] += (len(FORCES) - FORCES.sum()) / 3
     at, force, sign = (part.ravel() for part in np.meshgrid(theta, strong, [-1.0, 1.0], indexing="ij"))
-    share = response_of(strong)[np.searchsorted(strong, force)]
-    return at, force, sign, share
+    fraction = response_of(strong)[np.searchsorted(strong, force)]
+    return at, force, sign, fraction
 
 
 def weak_probe(unit, mean, vector, scatter, tangential=(0.0, 0.0), strain=(0.0, 0.0, 0.0), stress=(0.0, 0.0, 0.0)):
@@ -455,9 +455,9 @@ def weak_probe(unit, mean, vector, scatter, tangential=(0.0, 0.0), strain=(0.0, 
     `tangential` is a_t of the weak and of the other contacts, along the axis of `vector`. A ring of contacts is lost
     and another is gained: they have no part in it.
     """
-    theta, force, sign, share = grid()
+    theta, force, sign, fraction = grid()
     e = np.column_stack([np.cos(2 * theta), np.sin(2 * theta)])
-    change = share * (mean + e @ vector) + scatter * sign
+    change = fraction * (mean + e @ vector) + scatter * sign
     axis = np.asarray(vector) / (np.hypot(*vector) or 1.0)
     across = axis[0] * e[:, 1] - axis[1] * e[:, 0]
     weak = force < 0.15
@@ -497,8 +497,8 @@ def test_weak_contacts_of_made_up_probes():
     # over |dgamma| kn r/f
     expected = [s / (strain * 1e9 * 0.5 / unit) for s, strain in zip(scatters, strains)]
     assert found.fluctuation == pytest.approx(np.mean(expected), rel=1e-9)
-    share = 5 / len(FORCES)
-    expected = [(share * weak + (1 - share) * other) / s for (weak, other), s in zip(a_t, ratios)]
+    fraction = 5 / len(FORCES)
+    expected = [(fraction * weak + (1 - fraction) * other) / s for (weak, other), s in zip(a_t, ratios)]
     assert found.tangential_ratio == pytest.approx(np.mean(expected), rel=1e-9)
     expected = [np.hypot(weak, 0.3 * 2e-3) / s for (weak, _), s in zip(a_t, ratios)]
     assert found.tangential_response == pytest.approx(np.mean(expected), rel=1e-9)
@@ -555,12 +555,12 @@ def probe_of_blocks(chi, scatter, a_t, mean, vector):
     block, at, force, sign = copies_of_grid()
     e = np.column_stack([np.cos(2 * at), np.sin(2 * at)])
     weak = force < 0.15
-    share = np.where(weak, chi[block] + BELOW * force, 1.6)
+    fraction = np.where(weak, chi[block] + BELOW * force, 1.6)
     # the strongest of every direction make up for the others of their block, so that the mean is that of all
     strongest = force == force.max()
-    feels = [share[(block == k) & ~strongest].sum() / strongest[block == k].sum() for k in range(BLOCKS)]
-    share[strongest] = (len(FORCES) - np.array(feels))[block[strongest]]
-    change = share * (mean + e @ vector) + np.where(weak, scatter[block], 0.0) * sign
+    feels = [fraction[(block == k) & ~strongest].sum() / strongest[block == k].sum() for k in range(BLOCKS)]
+    fraction[strongest] = (len(FORCES) - np.array(feels))[block[strongest]]
+    change = fraction * (mean + e @ vector) + np.where(weak, scatter[block], 0.0) * sign
     axis = np.asarray(vector) / (np.hypot(*vector) or 1.0)
     t = -a_t[block] * (axis[0] * e[:, 1] - axis[1] * e[:, 0])
     n = len(at)
@@ -916,7 +916,7 @@ def test_gained_lost_and_turned_contacts_of_a_small_network():
     np.testing.assert_allclose(change.fabric_persisting, turned / 5, atol=1e-15)
 
 
-def test_shares_of_lost_contacts_are_of_those_present_at_first():
+def test_fractions_of_lost_contacts_are_of_those_present_at_first():
     """Twelve bins unless told otherwise; gained ones are counted where they are, over what was there."""
     theta = np.concatenate([np.zeros(4), np.full(8, np.pi / 2)])
     before = contact_list(theta)
@@ -1024,8 +1024,8 @@ def test_a_line_of_the_edge_density_has_both_errors():
 def test_contacts_slide_within_half_a_per_cent_of_their_limit(packing):
     """Friction 0.5: tangential forces of 0.996 of the limit slide, of 0.994 do not; without friction none does."""
     force = np.ones(400)
-    shares = np.tile([0.996, -0.996, 0.994, 0.5], 100)
-    contacts = contact_list(np.zeros(400), force, 0.5 * shares)
+    fractions = np.tile([0.996, -0.996, 0.994, 0.5], 100)
+    contacts = contact_list(np.zeros(400), force, 0.5 * fractions)
     assert sliding_fraction(packing, contacts) == 0.5
     assert sliding_fraction(packing.with_friction(0.0), contacts) == 0.0
 

@@ -119,7 +119,7 @@ def test_sliding_fraction_counts_forces_at_the_limit(packing):
     sample = packing.copy()
     touching = contacts_of(sample)
     force = touching.normal_force
-    share = np.where(np.arange(len(force)) % 4 == 0, 0.5, 0.4)
+    fraction = np.where(np.arange(len(force)) % 4 == 0, 0.5, 0.4)
     at_limit = Contacts(
         touching.first,
         touching.second,
@@ -127,7 +127,7 @@ def test_sliding_fraction_counts_forces_at_the_limit(packing):
         touching.normal,
         touching.length,
         force,
-        -share * force,
+        -fraction * force,
         touching.key,
     )
     assert sliding_fraction(sample, at_limit) == pytest.approx(0.25, abs=1 / len(force))

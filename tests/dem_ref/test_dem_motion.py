@@ -32,7 +32,7 @@ def test_result_does_not_depend_on_the_skin(packing):
 
 
 def test_result_hardly_depends_on_the_refresh_of_directions(packing):
-    """Directions are off by at most `refresh`, so forces by that share; stress changes follow within a few of it."""
+    """Directions are off by at most `refresh`, so forces by that fraction; stress changes follow within a few of it."""
     a = sheared(packing, refresh=2e-5)
     b = sheared(packing, refresh=1e-7)
     c = sheared(packing, refresh=2e-4)

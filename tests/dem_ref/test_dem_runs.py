@@ -286,15 +286,15 @@ def test_slip_grows_with_the_square_of_the_stress_ratio(large_packing):
     assert exponents["slip"] == pytest.approx(2.0, abs=0.2)
     assert 1.5 < exponents["irreversible_scatter"] < 2.1
     assert small.slip == pytest.approx(1.0, abs=0.35)
-    # all but elastic: the same share of the stress ratio, whatever the loop
+    # all but elastic: the same fraction of the stress ratio, whatever the loop
     assert large.force_anisotropy_ratio == pytest.approx(small.force_anisotropy_ratio, rel=0.12)
 
 
-def gap_density(sample: Sample, share: float) -> float:
-    """Density of the gaps that an approach by this share of the mean overlap closes, over the mean diameter."""
+def gap_density(sample: Sample, fraction: float) -> float:
+    """Density of the gaps that an approach by this fraction of the mean overlap closes, over the mean diameter."""
     pairs = radical_neighbours(sample)
     diameter = 2 * sample.radius.mean()
-    window = share * force_harmonics(contacts_of(sample)).mean / sample.normal_stiffness / diameter
+    window = fraction * force_harmonics(contacts_of(sample)).mean / sample.normal_stiffness / diameter
     return float(np.mean(pairs.gap[pairs.gap > 0] / diameter < window) / window)
 
 
@@ -303,7 +303,7 @@ def test_gaps_are_counted_up_to_a_fifth_of_the_mean_overlap():
     sample = make_packing(300, 1)
     found = measure_material(sample)["gap_density_at_zero"]
     assert found == pytest.approx(gap_density(sample, 0.2), rel=1e-9)
-    assert all(abs(found / gap_density(sample, share) - 1) > 0.2 for share in (0.1, 0.15, 0.25, 0.4))
+    assert all(abs(found / gap_density(sample, fraction) - 1) > 0.2 for fraction in (0.1, 0.15, 0.25, 0.4))
 
 
 def test_material_table_has_what_the_packing_and_its_probes_say(packing):
@@ -318,11 +318,11 @@ def test_material_table_has_what_the_packing_and_its_probes_say(packing):
     assert table["coordination"] == pytest.approx(z, rel=1e-12)
     assert table["solid_fraction"] == pytest.approx(solid, rel=1e-12)
     assert (table["normal_stiffness"], table["stiffness_ratio"], table["neighbours"]) == (1e9, 1.0, 6.0)
-    # the straight line on [0, 1/2] with the share and the mean of the forces there
+    # the straight line on [0, 1/2] with the fraction and the mean of the forces there
     force = contacts.normal_force / contacts.normal_force.mean()
     low = force[force < 0.5]
-    share, moment = len(low) / len(force), low.sum() / len(force)
-    value, _ = np.linalg.solve([[0.5, 0.5**2 / 2], [0.5**2 / 2, 0.5**3 / 3]], [share, moment])
+    fraction, moment = len(low) / len(force), low.sum() / len(force)
+    value, _ = np.linalg.solve([[0.5, 0.5**2 / 2], [0.5**2 / 2, 0.5**3 / 3]], [fraction, moment])
     assert table["force_density_at_zero"] == pytest.approx(value, rel=1e-9)
     assert table["gap_density_at_zero"] == pytest.approx(gap_density(packing, 0.2), rel=1e-9)
     # moduli: pressure over change of area, deviator over shear, against uniform strain

@@ -12,6 +12,7 @@ from granfabric.dem_ref.dynamics.packing import make_packing
 from granfabric.dem_ref.inputs.material import (
     CLOSURE_KEYS,
     MATERIAL_KEYS,
+    _slip_delay,
     measure_fabric,
     measure_material,
     measure_material_with_errors,
@@ -174,3 +175,12 @@ def test_rattlers_excluded_have_an_error_too(packing):
     entry = measure_material_with_errors(packing, rattlers="excluded")["coordination"]
     assert entry.value == measure_material(packing, rattlers="excluded")["coordination"]
     assert 0.0 < entry.error < 0.1
+
+
+def test_a_packing_without_friction_has_no_slip_delay():
+    """No tangential force answers a probe there: nothing is divided by it."""
+    delay = _slip_delay(0.5, 0.8, 0.08)
+    assert (delay.value, delay.error) == pytest.approx((0.625, 0.0625))
+    for friction, response in ((0.0, 0.0), (0.5, float("nan"))):
+        none = _slip_delay(friction, response, 0.0)
+        assert np.isnan(none.value) and np.isnan(none.error)

@@ -91,3 +91,12 @@ def test_the_python_of_the_readme_runs(tmp_path: Path) -> None:
     promised = re.search(r"# ([\d.]+)$", body, re.MULTILINE)
     assert promised is not None
     assert float(output_of(script, tmp_path)) == pytest.approx(float(promised.group(1)), abs=1e-4)
+
+
+def test_the_python_of_the_start_page_runs(tmp_path: Path) -> None:
+    text = (DOCS / "start.md").read_text(encoding="utf-8")
+    body = "".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL))
+    script = tmp_path / "start.py"
+    script.write_text(f"import granfabric as gf\n\n{body}", encoding="utf-8")
+    said = output_of(script, tmp_path)
+    assert "compression" in said and float(said.splitlines()[-1]) == pytest.approx(-149.7e3, rel=1e-3)

@@ -24,22 +24,22 @@ def graded(element: str, n: int = 5, growth: float = 1.35) -> HostMesh:
     return build_mesh(points, host.mesh.t.T, lines, host.regions)
 
 
-def corner_shares(space: Space) -> np.ndarray:
+def corner_fractions(space: Space) -> np.ndarray:
     """Hat functions of each cell's corners at its integration points, shape (npt, corners), from the points' places."""
     corners = space.host_mesh.mesh.t.T
     places = space.host_mesh.mesh.p.T
-    shares = []
+    fractions = []
     for point, cell in zip(space.points, space.point_cell):
         own = places[corners[cell]]
         if len(own) == 3:
-            shares.append(np.linalg.solve(np.vstack([own.T, np.ones(3)]), [*point, 1.0]))
+            fractions.append(np.linalg.solve(np.vstack([own.T, np.ones(3)]), [*point, 1.0]))
             continue
         u = np.zeros(2)
         for _ in range(30):  # inverse of the bilinear map
             hats, by_u, by_v = _bilinear(u)
             u = u + np.linalg.solve(np.column_stack([own.T @ by_u, own.T @ by_v]), point - hats @ own)
-        shares.append(_bilinear(u)[0])
-    return np.array(shares)
+        fractions.append(_bilinear(u)[0])
+    return np.array(fractions)
 
 
 def _bilinear(u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -55,11 +55,11 @@ def fit(space: Space, cells: np.ndarray, values: np.ndarray, order: int, weighte
     It is, if in coordinates scaled to the patch no eigenvalue of the normal matrix is below `least` (or next to zero).
     """
     chosen = np.isin(space.point_cell, cells)
-    share = space.weights[chosen] if weighted else np.ones(chosen.sum())
-    share = share / share.sum()
-    centre = share @ space.points[chosen]
-    radius = np.sqrt(share @ np.sum((space.points[chosen] - centre) ** 2, axis=1)) or 1.0
-    root, terms = np.sqrt(share)[:, None], _terms((space.points[chosen] - centre) / radius, order)
+    fraction = space.weights[chosen] if weighted else np.ones(chosen.sum())
+    fraction = fraction / fraction.sum()
+    centre = fraction @ space.points[chosen]
+    radius = np.sqrt(fraction @ np.sum((space.points[chosen] - centre) ** 2, axis=1)) or 1.0
+    root, terms = np.sqrt(fraction)[:, None], _terms((space.points[chosen] - centre) / radius, order)
     found = np.linalg.lstsq(root * terms, root * values[chosen], rcond=1e-9)[0]
     smallest = np.linalg.eigvalsh((root * terms).T @ (root * terms))[0]
     return (lambda place: _terms((place - centre) / radius, order) @ found), bool(smallest > max(least, 1e-12))

@@ -63,12 +63,12 @@ AWAY_AND_BACK = {
         ContactLaw([PACKING], Closure(force_change="shifted_distribution")), REVERSALS[:-1], [-1e5, -1e5, 0.0],
     ),
     "sliding": (ContactLaw([PACKING], effects=Effects(sliding=True)), REVERSALS[:-1], [-1e5, -1e5, 0.0]),
-    "one way": (
+    "uncoupled": (
         ContactLaw([PACKING], effects=Effects(stiffness_feedback=False)), REVERSALS, [-1e5, -1e5, 0.0],
     ),
     # stress that no load balances: forces of reference take part in every stage
     "balanced": (GRAINS, [Stage("initial", [*HELD]), *REVERSALS[1:4]], [-1e5, -0.8e5, 0.1e5]),
-    "one way, balanced": (
+    "uncoupled, balanced": (
         ContactLaw([PACKING], effects=Effects(stiffness_feedback=False)),
         [Stage("initial", [*HELD]), *REVERSALS[1:4]], [-1e5, -0.8e5, 0.1e5],
     ),
@@ -205,8 +205,8 @@ def test_the_one_before_serves_if_the_last_is_damaged(checkpoint, tmp_path):
     assert [file.name for file in (first, second)] == ["checkpoint_000002.npz", "checkpoint_000003.npz"]
     assert store.load()[0].result.step == 3
     second.write_bytes(b"")
-    found, complaints = store.load()
-    assert found.result.step == 2 and len(complaints) == 1 and "checkpoint_000003.npz is damaged" in complaints[0]
+    found, damages = store.load()
+    assert found.result.step == 2 and len(damages) == 1 and "checkpoint_000003.npz is damaged" in damages[0]
     first.write_bytes(first.read_bytes()[:1000])
     with pytest.raises(CheckpointError, match=r"000003.*000002"):
         store.load()

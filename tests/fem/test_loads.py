@@ -180,3 +180,59 @@ def test_nothing_left_to_solve_for():
     steps, summary = run(space, ELASTIC, [Stage("all", loads)])
     assert summary.finished and summary.counters["linear_solves"] == 0
     np.testing.assert_allclose(steps[-1].strain, [[1e-3, 0.0, 1e-3]] * space.npoints, rtol=1e-12, atol=1e-18)
+
+
+WEIGHT = Space(rectangle(2.0, 1.0, 4, 2), "P2")
+
+
+def turned(x, y, *_):
+    """Components first, as a function for another code may have them."""
+    return np.stack([0 * x, -7 + 0 * x])
+
+
+@pytest.mark.parametrize(
+    ("load", "word"),
+    [
+        (lambda: Traction("top", (-7.0,)), "not a pair of numbers"),  # would act along y as well
+        (lambda: Traction("top", (0.0, -7.0, 0.0)), "not a pair of numbers"),
+        (lambda: Traction("top", -7.0), "not a pair of numbers"),
+        (lambda: Traction("top", "xy"), "not a pair of numbers"),
+        (lambda: BodyForce((0.0, -7.0, 0.0)), "not a pair of numbers"),
+        (lambda: FixedPoint((0.0, 0.0, 0.0)), "not a pair of numbers"),
+        (lambda: Fixed("bottom", 1), "must be in a list, got a int"),
+        (lambda: Traction("top", turned), r"traction on boundary 'top' .*\(2, 12\)"),
+        (lambda: BodyForce(turned), r"the body force must be .* got float64 \(2, 48\)"),
+        (lambda: Pressure("top", lambda x, y: np.full(3, 7.0)), r"the pressure on boundary 'top' must be .*\(12,\)"),
+        (lambda: Pressure("top", lambda x, y: 7.0 + 0j * x), "complex128"),
+        (lambda: Pressure("top", lambda x, y: x * np.nan), "must be finite, but holds nan"),
+        (lambda: Pressure("top", lambda x, y: None), "the pressure on boundary 'top' must be"),
+        (lambda: Displacement("top", "y", lambda x, y: np.zeros(2)), "the displacement of boundary 'top' must be"),
+    ],
+)
+def test_loads_of_another_shape_are_other_loads(load, word):
+    with pytest.raises(LoadError, match=word):
+        Problem(WEIGHT, ELASTIC, [Stage("weight", [*ROLLERS, load()])])
+
+
+@pytest.mark.parametrize("name", [None, 3, ["top"]])
+def test_a_boundary_goes_by_its_name(name):
+    with pytest.raises(MeshError, match="the mesh has no boundary"):
+        Problem(WEIGHT, ELASTIC, [Stage("weight", [*ROLLERS, Pressure(name, 7.0)])])
+    with pytest.raises(MeshError, match="the mesh has no region"):
+        Problem(WEIGHT, ELASTIC, [Stage("weight", [*ROLLERS, BodyForce((0.0, 1.0), name or 1)])])
+
+
+def test_loads_that_can_be_read_once_act():
+    # a generator was used up by the check of its loads: the stage ended well, and nothing had acted
+    given = (load for load in [Fixed("bottom", iter("y")), *ROLLERS[1:], Pressure("top", np.int64(7))])
+    stage = Stage("weight", given, np.int64(1))
+    steps, _ = run(WEIGHT, ELASTIC, [stage])
+    assert steps[-1].reactions["bottom"][1] == pytest.approx(14.0)
+    with pytest.raises(LoadError, match="stage 'weight': loads must be in a list, got a Pressure"):
+        Stage("weight", Pressure("top", 7.0))
+
+
+def test_a_callable_may_give_a_constant():
+    stage = Stage("weight", [*ROLLERS, Traction("top", lambda x, y, nx, ny: (0.0, -7.0))])
+    steps, _ = run(WEIGHT, ELASTIC, [stage])
+    assert steps[-1].reactions["bottom"][1] == pytest.approx(14.0)

@@ -161,3 +161,53 @@ def test_element_that_does_not_fit_the_mesh():
         Space(rectangle(1, 1, 1, 1), "Q2")
     with pytest.raises(MeshError, match="element = 'P3' is not one of P1, P2, Q1, Q2"):
         Space(rectangle(1, 1, 1, 1), "P3")
+
+
+CORNERS = np.array([[0, 1, 2], [0, 2, 3]])
+
+
+@pytest.mark.parametrize(
+    ("given", "word"),
+    [
+        ({"points": np.c_[SQUARE, SQUARE[:, 0]]}, r"points must be .* of shape \(n, 2\), got float64 \(4, 3\)"),
+        ({"points": SQUARE.T}, "points must be"),
+        ({"points": SQUARE + 0j}, "points must be .* got complex128"),
+        ({"points": SQUARE.astype(str)}, "points must be"),
+        ({"cells": np.array([[0, 1, 2], [0, 2, -1]])}, r"cells must be .* in 0 \.\.\. 3 .* but holds -1"),
+        ({"cells": CORNERS + 1}, "cells must be .* but holds 4"),
+        ({"cells": CORNERS + 0.25}, "cells must be .* got float64"),
+        ({"cells": CORNERS.T}, "cells must be"),
+        ({"cells": np.array([[0, 1, 2, 0, 2, 3]])}, "cells must be"),
+        ({"lines": {"a": np.array([[0, -3]])}}, "curve 'a' must be .* but holds -3"),
+        ({"lines": {"a": np.array([[0, 7]])}}, "curve 'a' must be .* but holds 7"),
+        ({"lines": {"a": np.array([0, 1])}}, r"curve 'a' must be .* of shape \(n, 2\)"),
+        ({"lines": {"a": np.array([[0, 1.5]])}}, "curve 'a' must be"),
+        ({"regions": {"r": np.array([False, True])}}, "region 'r' must be .* numbers of elements, got bool"),
+        ({"regions": {"r": np.array([-1])}}, "region 'r' must be .* but holds -1"),
+        ({"regions": {"r": np.array([0.5])}}, "region 'r' must be"),
+        ({"sides": (np.array([[0, -3]]), np.array([[0.5, -0.1]]))}, "curved sides must be .* but holds -3"),
+        ({"sides": (np.array([[0, 1]]), np.array([[0.5, -0.1], [0, 0]]))}, "1 curved sides and 2 middles"),
+        ({"sides": (np.array([[0, 1]]), np.array([[0.5, np.nan]]))}, "not finite"),
+    ],
+)
+def test_numbers_that_name_other_nodes_or_elements_are_refused(given, word):
+    with pytest.raises(MeshError, match=word):
+        build_mesh(**{"points": SQUARE, "cells": CORNERS, **given})
+
+
+def test_lists_and_other_integers_are_taken():
+    host = build_mesh(SQUARE.tolist(), CORNERS.astype(np.uint8), {"a": [[1, 0]], "b": []}, {"r": [1], "s": []})
+    assert len(host.facets("a")) == 1 and host.cells("r").tolist() == [1]
+    assert len(host.facets("b")) == len(host.cells("s")) == 0
+
+
+@pytest.mark.parametrize("sizes", [(1.0, 1.0, 2.5, 2), (1.0, 1.0, True, 2), ("1", 1.0, 2, 2), (1.0, np.nan, 2, 2)])
+def test_sizes_of_a_rectangle_are_numbers(sizes):
+    with pytest.raises(MeshError):
+        rectangle(*sizes)
+
+
+@pytest.mark.parametrize("path", [None, 3, b"plate.msh"])
+def test_a_mesh_file_has_a_name(path):
+    with pytest.raises(MeshError, match="the name of a mesh file is wanted"):
+        read_mesh(path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fem_meshes import ELEMENTS, cell_of, distorted
-from fem_patches import corner_shares, fit, graded
+from fem_patches import corner_fractions, fit, graded
 
 from granfabric.fem.discretisation import mesh_error
 from granfabric.fem.discretisation.mesh_error import stress_error
@@ -70,7 +70,7 @@ def test_smooth_stresses_are_recovered_with_one_order_more(element):
 
 def blended(space: Space, stress: np.ndarray) -> np.ndarray:
     """Recovered stress, vertex by vertex and point by point."""
-    corners, shares = space.host_mesh.mesh.t.T, corner_shares(space)
+    corners, fractions = space.host_mesh.mesh.t.T, corner_fractions(space)
     recovered = np.zeros_like(stress)
     for vertex in range(space.host_mesh.mesh.p.shape[1]):
         cells = np.flatnonzero((corners == vertex).any(axis=1))
@@ -81,7 +81,7 @@ def blended(space: Space, stress: np.ndarray) -> np.ndarray:
             polynomial, determined = fit(space, cells, stress, space.order, least=1e-4)
         for place in range(corners.shape[1]):
             own = corners[space.point_cell, place] == vertex
-            recovered[own] += shares[own, place, None] * polynomial(space.points[own])
+            recovered[own] += fractions[own, place, None] * polynomial(space.points[own])
     return recovered
 
 
@@ -99,8 +99,8 @@ def test_the_estimate_against_patches_written_out(element, mesh):
     assert found.relative == pytest.approx(_norm(space, recovered - stress) / whole, rel=1e-8)
     for cell in range(space.nelements):
         own = space.point_cell == cell
-        share = np.sqrt(space.weights[own] @ np.sum((recovered - stress)[own] ** 2, axis=1)) / whole
-        assert found.of_cells[cell] == pytest.approx(share, rel=1e-8)
+        fraction = np.sqrt(space.weights[own] @ np.sum((recovered - stress)[own] ** 2, axis=1)) / whole
+        assert found.of_cells[cell] == pytest.approx(fraction, rel=1e-8)
 
 
 def _norm(space: Space, values: np.ndarray) -> float:

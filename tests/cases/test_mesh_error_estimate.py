@@ -38,21 +38,21 @@ def test_estimate_is_that_of_the_closed_form(
         assert least < found / exact < most
 
 
-def test_a_run_judges_its_mesh(granfabric: Callable, tmp_path: Path) -> None:
-    shares = []
+def test_a_run_estimates_the_error_of_its_mesh(granfabric: Callable, tmp_path: Path) -> None:
+    fractions = []
     for refine in (1, 2):
         out = tmp_path / str(refine)
         arguments = ("--set", f"mesh.refine={refine}", "--set", "output.pictures=false", "--set", "accuracy=1e-3")
         result = granfabric("run", "hole_in_plate", *arguments, "-o", out)
         assert result.code == 0, result.err
         entry = json.loads((out / "run.json").read_text())
-        shares.append(entry["mesh_error"]["stress"])
-        assert f"err by about {100 * shares[-1]:.2g} %" in result.out
-        assert ("more than wanted: refine it" in result.out) == (shares[-1] > 1e-3)
-        assert entry["accuracy"]["mesh"] == shares[-1]
+        fractions.append(entry["mesh_error"]["stress"])
+        assert f"changes {100 * fractions[-1]:.2g} %" in result.out
+        assert ("more than wanted: refine it" in result.out) == (fractions[-1] > 1e-3)
+        assert entry["accuracy"]["mesh"] == fractions[-1]
         mesh = meshio.read(out / "mesh_error.vtu")
         cells = mesh.cell_data["stress_error"][0]
-        assert np.sum(cells**2) == pytest.approx(shares[-1] ** 2)
+        assert np.sum(cells**2) == pytest.approx(fractions[-1] ** 2)
         # at the hole, where stress changes most
         assert np.hypot(*entry["mesh_error"]["place"]) < 0.03
-    assert shares[1] < shares[0] / 2.5
+    assert fractions[1] < fractions[0] / 2.5

@@ -1,10 +1,10 @@
-"""One way against two ways: a biaxial test of about 50,000 degrees of freedom in 50 steps.
+"""Uncoupled against coupled solution: a biaxial test of about 50,000 degrees of freedom in 50 steps.
 
 The same scene is run with the stiffness following the state (Newton's method, a law call an iteration) and with the
 stiffness of the initial state (one linear solve a stage, states afterwards), in one process, by processor time. The
 states of the second are asked for at every step, at every tenth, and at the ends of stages alone; nothing is written in
 any of them. Run with
-``NUMBA_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/one_way.py [nx] [--steps 50]``.
+``NUMBA_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/uncoupled.py [nx] [--steps 50]``.
 """
 
 from __future__ import annotations
@@ -76,13 +76,13 @@ def main() -> None:
         for feedback in (True, False):
             run(small, closure, 1, feedback, 1, 1e-6)  # compile first
         both, counts, end = run(space, closure, arguments.steps, True, 1, arguments.strain)
-        print(f"{name}: two ways {both:.2f} s, {_counts(counts)}", flush=True)
+        print(f"{name}: coupled {both:.2f} s, {_counts(counts)}", flush=True)
         for every in (1, 10, arguments.steps + 1):
             one, counts, other = run(space, closure, arguments.steps, False, every, arguments.strain)
             change = np.abs(other.state[:, 0] / end.state[:, 0] - 1.0).max()
             move = np.abs(other.displacement - end.displacement).max() / np.abs(end.displacement).max()
             print(
-                f"  one way, results every {every}: {one:.2f} s, {both / one:.1f} times faster, {_counts(counts)}; "
+                f"  uncoupled, results every {every}: {one:.2f} s, {both / one:.1f} times faster, {_counts(counts)}; "
                 f"largest change of z {change:.1e}, of displacement {move:.1e}",
                 flush=True,
             )

@@ -85,9 +85,9 @@ def computed(space, law, control=None, stages=STAGES, **options):
 @pytest.mark.parametrize("closure", [Closure(), Closure(tangential="self_consistent")])
 def test_the_answer_is_that_of_step_by_step(space, closure, balance):
     law = ContactLaw([GRAINS], closure, Effects(stiffness_feedback=False))
-    ours, one_way = computed(space, law, balance=balance)
-    theirs, two_way = computed(space, Declared(law, False), StepControl(tolerance=1e-12), balance=balance)
-    assert one_way.finished and two_way.finished, (one_way.message, two_way.message)
+    ours, uncoupled = computed(space, law, balance=balance)
+    theirs, coupled = computed(space, Declared(law, False), StepControl(tolerance=1e-12), balance=balance)
+    assert uncoupled.finished and coupled.finished, (uncoupled.message, coupled.message)
     assert [(step.step, step.stage) for step in ours] == [(step.step, step.stage) for step in theirs]
     for our, their in zip(ours, theirs):
         scale = np.abs(their.displacement).max()
