@@ -7,6 +7,7 @@ What a first day needs; everything else is in the packages below it.
   `solve_to_folder`
 - scenes: `scene_names`, `load_scene`, `run_scene`, `read_material`
 - results: `read_results`
+- measured curves: `fit`, `compare_with_data`
 - disks: `make_packing`, `PackingOptions`, `Segment`, `DemRun`, `RunOptions`, `load_sample`, `save_sample`,
   `measure_packing`
 

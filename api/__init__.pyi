@@ -44,6 +44,9 @@ from .fem.mesh.host_mesh import build_mesh as build_mesh
 from .fem.mesh.host_mesh import read_mesh as read_mesh
 from .fem.mesh.host_mesh import rectangle as rectangle
 from .field import solve_to_folder as solve_to_folder
+from .fitting import FitResult as FitResult
+from .fitting import compare_with_data as compare_with_data
+from .fitting import fit as fit
 from .packing import MeasuredInputs as MeasuredInputs
 from .packing import measure_packing as measure_packing
 from .results import PointResults as PointResults

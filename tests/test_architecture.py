@@ -48,8 +48,8 @@ FLOORS: dict[str, tuple[str, ...]] = {
         *("arrays", "compilation", "sample", "threads", "dynamics", "measures", "loading", "inputs", "ensemble"),
     ),
     "cases": (
-        *("errors", "terminal", "scene", "records", "field", "pictures", "effects", "verify", "cost", "commands"),
-        "__main__",
+        *("errors", "terminal", "scene", "records", "field", "pictures", "effects", "fit", "verify", "cost"),
+        *("commands", "__main__"),
     ),
 }
 """Folders and files of each room, lowest first: a line imports from its own folder and from those before it."""

@@ -16,6 +16,8 @@ import typer
 
 from granfabric.cases.errors import InputError, RunError
 
+from .fit_options import CurvesArgument, DataOption, DataSetOption, FitOutputOption, FreeOption, MaterialFileOption
+
 INTERRUPTED = 130
 """What the library of the command line makes of Ctrl-C."""
 
@@ -225,15 +227,44 @@ def verify(
     ] = Path("results/verify"),
     particles: Annotated[int, typer.Option("--particles", metavar="N", help="Disks of a packing.")] = 2500,
     seeds: Annotated[int, typer.Option("--seeds", metavar="K", help="Packings, for the scatter of the DEM.")] = 1,
+    data: DataOption = None,
+    assignments: DataSetOption = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:
-    """Compare the point law with the DEM: the source's four figures and a table of errors."""
+    """Compare the point law with the DEM: the source's four figures and a table of errors. With --data with curves."""
     with _speaking(quiet, verbose) as screen:
+        if data:
+            from .fit import curves_of, run_comparison
+
+            _exit(run_comparison(curves_of(data), output, screen, assignments or [], overwrite)[0].outcome)
+            return
+        if assignments:
+            raise InputError("--set goes with --data: without curves of yours all inputs are measured on the packings")
         from .verify import run_verify
 
         _exit(run_verify(output, particles, seeds, screen, overwrite).outcome)
+
+
+@app.command()
+def fit(
+    curves: CurvesArgument,
+    output: FitOutputOption = None,
+    free: FreeOption = None,
+    material_file: MaterialFileOption = None,
+    assignments: DataSetOption = None,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+    verbose: VerboseOption = False,
+) -> None:
+    """Fit parameters of the point law to measured curves: material file with standard errors, residuals, picture."""
+    with _speaking(quiet, verbose) as screen:
+        from .fit import curves_of, run_fit
+
+        folder = _folder(output, f"{Path(curves[0]).stem}_fit")
+        record, _ = run_fit(curves_of(curves), folder, screen, free or [], material_file, assignments or [], overwrite)
+        _exit(record.outcome)
 
 
 @app.command()

@@ -17,6 +17,10 @@ from granfabric.constitutive.path import POINT_COLUMNS
 from granfabric.dem_ref.loading.run import HISTORY_COLUMNS
 from granfabric.dem_ref.sample.disks import SampleError
 
+DATA_TABLES = {"fit": "fit.csv", "data": "data.csv"}
+"""Table from which a fit, or a comparison with a user's curves, is drawn."""
+DATA_NUMBERS = ("p", "stress_ratio", "data", "law", "deviation")
+
 
 def draw_folder(folder: Path) -> list[Path]:
     """Make the pictures of a result folder anew.
@@ -33,6 +37,8 @@ def draw_folder(folder: Path) -> list[Path]:
         raise InputError(
             f"{str(folder)!r} holds a comparison; `granfabric verify -o {folder}` draws it anew from the DEM runs there"
         )
+    if record["kind"] in DATA_TABLES:
+        return _draw_data(folder, record)
     if record["kind"] not in MODELS or record["scene"].get("kind") != record["kind"]:
         raise InputError(f"{str(folder)!r} holds a result of the kind {record['kind']!r}, which has no pictures")
     check(record["scene"], folder / files.RECORD)
@@ -43,6 +49,23 @@ def draw_folder(folder: Path) -> list[Path]:
         return draw(folder, record["scene"])
     except SampleError as error:
         raise InputError(str(error)) from error
+
+
+def _draw_data(folder: Path, record: dict[str, Any]) -> list[Path]:
+    """The picture of a law along a user's curves."""
+    from .data import draw_data
+
+    name = DATA_TABLES[record["kind"]]
+    if not (folder / name).is_file():
+        raise InputError(f"{str(folder)!r} holds no {name}")
+    table = files.read_csv(folder / name)
+    for column in ("curve", "quantity", *DATA_NUMBERS):
+        if column not in table or not table[column]:
+            raise InputError(f"{folder / name} has no column {column!r}, or nothing in it")
+        if column in DATA_NUMBERS and not all(isinstance(value, float) for value in table[column]):
+            raise InputError(f"{folder / name}: the column {column!r} holds something that is not a number")
+    title = record["scene"].get("title")
+    return draw_data(folder, name, title if isinstance(title, str) else name)
 
 
 def _check_history(folder: Path, kind: str) -> None:

@@ -27,6 +27,7 @@ PACKING = "packing.npz"
 CHECKPOINT = "checkpoint.npz"
 MATERIAL = "material.toml"
 FAILED_POINT = "failed_point.toml"
+OF_DATA = ("fit.csv", "fit.png", "data.csv", "data.png")
 PICTURES = (
     *("overview.png", "microvariables.png", "fabric_decomposition.png", "packing.png", "distributions.png"),
     *("closed_form.png", "convergence.png", *(f"figure_{number}.png" for number in range(1, 7))),
@@ -37,6 +38,7 @@ SERIES = ("result", "points", "particles", "contacts")
 OWN_FILES = (
     *(RECORD, HISTORY, LOG, SCENE, FAILED_POINT, PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
     *(MATERIAL, COMPARISON, MESH_ERROR, *TABLES, *(f"{name}.pvd" for name in SERIES), *PICTURES),
+    *OF_DATA,
 )
 CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
 OWN_PATTERNS = (".granfabric-*", ".result*", ".points*", *CHECKPOINTS, *(f"{name}_*.vtu" for name in SERIES))

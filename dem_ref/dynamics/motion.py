@@ -2,14 +2,19 @@
 
 Per contact a linear normal spring (no tension), a linear tangential spring with history, and Coulomb's limit
 ``|ft| <= mu fn``. Particles follow the homogeneous deformation of the cell without inertia; what they move beyond it
-has inertia and is damped by a drag proportional to that extra velocity. In the quasi-static limit neither mass nor drag
-matters, so both are chosen for speed:
+has inertia and, where a disk is part of the network, is damped by a drag proportional to that extra velocity. In the
+quasi-static limit neither mass nor drag matters, so both are chosen for speed:
 
 - every particle has the same mass m and the rotational inertia m r^2, the rotation being carried as the displacement of
   the surface. Then the stiffest possible mode (six contacts a particle, kt = kn) has ``omega^2 = 12 kn/m``. The step is
   given as the number ``step = dt sqrt(kn/m)``, critical at ``2/sqrt(12) = 0.577``; the default is 0.7 of that. Gradings
   so wide that a disk can have Z > 6 contacts take ``sqrt(6/Z)`` of the step;
-- the drag is the number ``damping``, so that ``v(+1/2) = ((1 - damping) v(-1/2) + F dt/m)/(1 + damping)``.
+- the drag is the number ``damping``, so that ``v(+1/2) = ((1 - damping) v(-1/2) + F dt/m)/(1 + damping)``. It acts on
+  disks that have at least three contacts at the moment. One with fewer flies freely: dragged along with the cell, a
+  disk that carries nothing would be pressed onto neighbours which move otherwise, with a force that shrinks with the
+  rate while the contact stays. The corner into which a force pushes a disk has two sides, so that drag alone never
+  makes the third contact. From a tenth to ten times the default, contacts and forces are the same (measured:
+  `docs/guide/verification.md`); the default is where a loading needs the fewest steps.
 
 Displacements in a dense packing are far smaller than disks. Directions and lengths of branch vectors are therefore kept
 from one *refresh* to the next and only the overlap and the tangential elongation are integrated in between; a refresh
@@ -47,7 +52,7 @@ from .stepping import (
 )
 
 STEP = 0.4
-DAMPING = 0.06
+DAMPING = 0.02
 SKIN = 0.03
 LARGEST_SKIN = 0.1
 REFRESH = 2.0e-5

@@ -16,6 +16,9 @@ from granfabric.dem_ref.compilation import compiled
 WORK, FRICTION_HEAT, DRAG_HEAT = range(3)
 STRESS_XX, STRESS_YY, STRESS_XY, UNBALANCED, NORMAL_FORCE, CONTACTS, TRAVEL, FASTEST = range(8)
 
+CARRYING = 3
+"""Contacts from which on a disk is dragged, see `motion`."""
+
 _FAST = {"contract", "nsz", "nnan", "arcp"}  # no reassociation: the order of summation stays as written
 
 
@@ -72,6 +75,8 @@ def write_back(tangential, source, branch, count):
 def _contact_forces(first, second, branch, velocity, rate, force, kn, kt, friction, sums):
     """Forces of the given contacts added to `force`; their part of stress x area and of slip goes to `sums`.
 
+    The last column of `force` counts the contacts of each particle.
+
     Loops run from zero over slices: only then the compiler knows that no index is negative (a sixth of the time).
     """
     lxx, lyy, lxy = rate[0], rate[1], rate[2]
@@ -90,6 +95,7 @@ def _contact_forces(first, second, branch, velocity, rate, force, kn, kt, fricti
         uy = velocity[j, 1] - velocity[i, 1] + d * (lxy * nx + lyy * ny)
         overlap = branch[k, 3] - (nx * ux + ny * uy)
         branch[k, 3] = overlap
+        touching = 1.0 if overlap > 0.0 else 0.0
         overlap = overlap if overlap > 0.0 else 0.0
         trial = branch[k, 4] + (nx * uy - ny * ux) - (velocity[i, 2] + velocity[j, 2])
         # Coulomb's limit also empties the spring of a pair that does not touch
@@ -105,9 +111,11 @@ def _contact_forces(first, second, branch, velocity, rate, force, kn, kt, fricti
         force[i, 0] += fx
         force[i, 1] += fy
         force[i, 2] += shear
+        force[i, 3] += touching
         force[j, 0] -= fx
         force[j, 1] -= fy
         force[j, 2] += shear
+        force[j, 3] += touching
         fx *= d
         fy *= d
         sxx += fx * nx
@@ -120,9 +128,14 @@ def _contact_forces(first, second, branch, velocity, rate, force, kn, kt, fricti
 
 
 @compiled(fastmath=_FAST)
-def _move(velocity, force, other_force, position, rate, keep, push, sums):
-    """Move the given particles by one step and clear their forces; squares for the measures go to `sums`."""
+def _move(velocity, force, other_force, position, rate, damping, impulse, sums):
+    """Move the given particles by one step and clear their forces; squares for the measures go to `sums`.
+
+    Velocities change by force times `impulse` where nothing is dragged.
+    """
     exx, eyy, exy = rate[0], rate[1], rate[2]
+    dragged_keep = (1.0 - damping) / (1.0 + damping)
+    dragged_push = impulse / (1.0 + damping)
     unbalanced = 0.0
     speed = 0.0
     drag = 0.0
@@ -132,19 +145,23 @@ def _move(velocity, force, other_force, position, rate, keep, push, sums):
         u0 = velocity[i, 0]
         v0 = velocity[i, 1]
         w0 = velocity[i, 2]
+        dragged = force[i, 3] + other_force[i, 3] >= CARRYING
+        keep = dragged_keep if dragged else 1.0
+        push = dragged_push if dragged else impulse
         u1 = keep * u0 + push * fx
         v1 = keep * v0 + push * fy
         w1 = keep * w0 + push * (force[i, 2] + other_force[i, 2])
         velocity[i, 0] = u1
         velocity[i, 1] = v1
         velocity[i, 2] = w1
-        for c in range(3):
+        for c in range(4):
             force[i, c] = 0.0
             other_force[i, c] = 0.0
         unbalanced += fx * fx + fy * fy
         square = u1 * u1 + v1 * v1
         speed = square if square > speed else speed
-        drag += (u0 + u1) * (u0 + u1) + (v0 + v1) * (v0 + v1) + (w0 + w1) * (w0 + w1)
+        braked = (u0 + u1) * (u0 + u1) + (v0 + v1) * (v0 + v1) + (w0 + w1) * (w0 + w1)
+        drag += braked if dragged else 0.0
         x = position[i, 0]
         y = position[i, 1]
         position[i, 0] = x + u1 + exx * x + exy * y
@@ -165,8 +182,7 @@ def _steps(
     that one and two threads add in the same order.
     """
     n = position.shape[0]
-    keep = (1.0 - damping) / (1.0 + damping)
-    push = step * step / (kn * (1.0 + damping))
+    impulse = step * step / kn
     heat = 0.5 * damping * kn / (step * step)
     sums = np.zeros((2, 16))  # a row is two cache lines, so that threads do not share one
     squares = np.zeros((2, 16))
@@ -214,8 +230,8 @@ def _steps(
         for part in prange(2):
             begin, end = part * n // 2, (part + 1) * n // 2
             _move(
-                velocity[begin:end], force[0, begin:end], force[1, begin:end], position[begin:end], rate, keep, push,
-                squares[part],
+                velocity[begin:end], force[0, begin:end], force[1, begin:end], position[begin:end], rate, damping,
+                impulse, squares[part],
             )  # fmt: skip
         for s in range(2):
             x = cell[s, 0]

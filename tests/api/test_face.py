@@ -16,7 +16,7 @@ import pytest
 import granfabric as gf
 
 HOME = Path(__file__).resolve().parents[2]
-FRONT = ("scenes", "field", "results", "packing")
+FRONT = ("scenes", "field", "fitting", "results", "packing")
 
 
 def test_every_name_is_there() -> None:
@@ -88,12 +88,11 @@ def test_in_a_clone_the_installed_one_is_imported() -> None:
 def test_python_in_a_clone_compiles_nothing_twice(tmp_path: Path) -> None:
     """What one process has compiled, another finds in the cache, wherever it is started."""
     program = (
-        "from granfabric.constitutive.fabric import stress_ratio\n"
-        "from granfabric.constitutive.stiffness import stress_invariants as kernel\n"
-        "kernel(-1e5, -1e5, 0.0)\n"
+        "import numpy as np\n"
+        "from granfabric.constitutive.integration.points import smallest_step_factor as kernel\n"
+        "kernel(np.zeros(2, dtype=np.int8), np.ones((2, 2), dtype=np.int64), 20)\n"
         "print(sum(kernel.stats.cache_hits.values()), sum(kernel.stats.cache_misses.values()))"
     )
-    program = program.split("\n", 1)[1]
     first = python(tmp_path, program, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
     second = python(HOME, program, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
     assert (first.stdout.split(), second.stdout.split()) == (["0", "1"], ["1", "0"]), first.stderr + second.stderr

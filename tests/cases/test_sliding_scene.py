@@ -63,7 +63,7 @@ def test_measured_parameters_reach_the_law(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_dem_peak_measures_sliding_for_the_law(granfabric: Callable, tmp_path: Path) -> None:
     """A few disks to one per cent: the table has the parameters, and the point scene takes them."""
-    small = ("packing.particles=300", "path.0.largest_strain=0.01", "output.every=0", "output.pictures=false")
+    small = ("packing.particles=600", "path.0.largest_strain=0.01", "output.every=0", "output.pictures=false")
     words = [word for text in small for word in ("--set", text)]
     result = granfabric("dem", "dem_peak", "-o", tmp_path / "dem", *words)
     assert result.code == 0, result.err

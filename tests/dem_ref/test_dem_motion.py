@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granfabric.dem_ref.dynamics.motion import Control, Motion
+from granfabric.dem_ref.dynamics.motion import DAMPING, STEP, Control, Motion
 from granfabric.dem_ref.loading.legs import biaxial_leg
 from granfabric.dem_ref.loading.path import Segment
 from granfabric.dem_ref.loading.run import DemRun, RunOptions, at_stress_ratios
@@ -113,30 +113,50 @@ def test_energy_balance_closes(packing, path):
 
 
 def test_momentum_of_a_packing_stays_zero(packing):
-    motion = sheared(packing, 5000)
-    total = np.abs(motion.sample.velocity.sum(axis=0)).max()
-    assert total < 1e-10 * np.abs(motion.sample.velocity).sum()
+    """Exactly without drag; with it, which loose disks do not feel, it stays a small part of what is there."""
+    for damping, allowed in ((0.0, 1e-10), (0.02, 2e-2)):
+        motion = sheared(packing, 5000, damping=damping)
+        total = np.abs(motion.sample.velocity.sum(axis=0)).max()
+        assert total < allowed * np.abs(motion.sample.velocity).sum()
 
 
-@pytest.mark.slow
-def test_same_curve_at_half_the_rate_and_with_half_the_step(large_packing):
-    """Different rates take different contact events; curves agree within a fraction of the change they describe."""
-    levels = [0.1, 0.2]
-
-    def curve(limits: RateLimits, step: float) -> dict:
-        run = DemRun(large_packing, RunOptions((Segment(stress_ratio=0.21),), limits, step=step))
-        run.execute()
-        return at_stress_ratios(run.history(), levels)
-
+def curve(sample: Sample, rate: float = 1.0, **choices) -> dict[str, np.ndarray]:
     base = RateLimits()
-    half = RateLimits(0.5 * base.inertial_number, 0.5 * base.unbalanced_force)
-    reference = curve(base, 0.4)
-    z0 = 2.0 * contacts_of(large_packing).count / large_packing.count
-    for other in (curve(half, 0.4), curve(base, 0.2)):
-        lost = z0 - reference["coordination"]
-        assert np.all(np.abs(other["coordination"] - reference["coordination"]) < 0.06 * lost)
-        assert np.all(np.abs(other["fabric_anisotropy"] - reference["fabric_anisotropy"]) < 0.005)
-        assert np.all(np.abs(other["normal_force_anisotropy"] - reference["normal_force_anisotropy"]) < 0.01)
+    limits = RateLimits(rate * base.inertial_number, rate * base.unbalanced_force)
+    run = DemRun(sample, RunOptions((Segment(stress_ratio=0.31),), limits, **choices))
+    assert run.execute()
+    return at_stress_ratios(run.history(), [0.1, 0.2, 0.3])
+
+
+@pytest.fixture(scope="module")
+def usual(large_packing) -> dict[str, np.ndarray]:
+    return curve(large_packing)
+
+
+@pytest.mark.parametrize(
+    "choice",
+    [
+        {"damping": 10.0 * DAMPING},
+        {"damping": 0.1 * DAMPING},
+        {"rate": 0.5},
+        {"step": 0.5 * STEP},
+        pytest.param({"rate": 0.1}, marks=pytest.mark.slow),
+        pytest.param({"rate": 0.1, "damping": 0.1 * DAMPING}, marks=pytest.mark.slow),
+    ],
+    ids=str,
+)
+def test_curves_do_not_depend_on_drag_rate_and_step(large_packing, usual, choice):
+    """Other choices take other contact events, so that curves of 2,000 disks differ by a few contacts."""
+    other = curve(large_packing, **choice)
+    for name in ("coordination", "coordination_without_rattlers"):
+        assert other[name] == pytest.approx(usual[name], rel=5e-3), name
+    for name, allowed in (("fabric", 3e-3), ("normal_force", 4e-3), ("tangential_force", 2e-3)):
+        name += "_anisotropy"
+        assert other[name] == pytest.approx(usual[name], abs=allowed), name
+    # a tenth of the drag leaves vibrations that move contacts off the limit for a while
+    assert other["sliding_fraction"] == pytest.approx(usual["sliding_fraction"], abs=0.012)
+    strain, reference = (c["strain_xx"] - c["strain_yy"] for c in (other, usual))
+    assert strain == pytest.approx(reference, rel=0.02)
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from dem_samples import two_disks
+from dem_samples import triangular_lattice, two_disks
 
 from granfabric.dem_ref.dynamics.motion import Motion, contact_elongations
 from granfabric.dem_ref.dynamics.stepping import CONTACTS
+from granfabric.dem_ref.sample.disks import new_sample
 
 
 def colliding(speed: float, across: float = 0.0, friction: float = 0.0, step: float = 0.01) -> Motion:
@@ -79,15 +80,34 @@ def test_momentum_and_moment_of_momentum_are_conserved():
     assert moment() == pytest.approx(before, rel=2e-3)
 
 
-def test_drag_slows_a_free_disk_by_its_number():
-    sample = two_disks(1.0)
-    sample.velocity[0] = [1e-5, 2e-5]
-    sample.spin[1] = 3e-5
+def test_drag_slows_what_has_three_contacts_by_its_number():
+    """A lattice that moves as a whole: no contact changes, six contacts a disk."""
+    sample = triangular_lattice(6, 6, 1e-4)
+    sample.velocity[:] = [1e-9, 2e-9]
     motion = Motion(sample, damping=0.06)
+    before = motion.energies()["kinetic"]
     motion.run(10)
     factor = (0.94 / 1.06) ** 10
-    assert motion.sample.velocity[0] == pytest.approx([factor * 1e-5, factor * 2e-5], rel=1e-12)
-    assert motion.sample.spin[1] == pytest.approx(factor * 3e-5, rel=1e-12)
+    assert motion.sample.velocity == pytest.approx(np.tile([factor * 1e-9, factor * 2e-9], (36, 1)), rel=1e-4)
+    energies = motion.energies()
+    assert energies["drag"] == pytest.approx(before - energies["kinetic"], rel=1e-4)
+
+
+@pytest.mark.parametrize("neighbours", [0, 1, 2])
+def test_a_disk_with_fewer_than_three_contacts_is_not_dragged(neighbours):
+    """Between neighbours that move with it, so that nothing but drag could slow it."""
+    theta = 2.0 * np.pi * np.arange(neighbours) / 3.0
+    around = 6.0 + (1.0 - 1e-4) * np.column_stack([np.cos(theta), np.sin(theta)])
+    sample = new_sample(np.vstack([[6.0, 6.0], around]), np.full(neighbours + 1, 0.5), 12.0 * np.eye(2))
+    sample.velocity[:] = [1e-9, 2e-9]
+    sample.spin[0] = 3e-5 if neighbours == 0 else 0.0
+    motion = Motion(sample, damping=0.06)
+    motion.run(4)  # while those contacts last
+    total = motion.sample.velocity.sum(axis=0)
+    assert total == pytest.approx(len(sample.radius) * np.array([1e-9, 2e-9]), abs=1e-15)
+    assert motion.energies()["drag"] == 0.0
+    if neighbours == 0:
+        assert motion.sample.spin[0] == 3e-5
 
 
 def test_no_attraction_between_separating_disks():

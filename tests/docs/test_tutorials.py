@@ -77,6 +77,22 @@ def test_the_example_of_the_first_page_prints_what_it_says(tmp_path: Path) -> No
     assert float(output_of(script, tmp_path)) == pytest.approx(float(promised.group(1)), abs=1e-4)
 
 
+def test_the_example_of_fitting_prints_what_the_page_shows(tmp_path: Path) -> None:
+    text = output_of(DOCS / "examples" / "fit_curve.py", tmp_path)
+    page = (DOCS / "guide" / "fitting.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"It prints\n\n```text\n(.*?)```", page, re.DOTALL)
+    names = re.findall(r"^(\w+) +-?[\d.]+ \+-", text, re.MULTILINE)
+    assert names == re.findall(r"^(\w+) +-?[\d.]+ \+-", shown, re.MULTILINE) and len(names) == 5
+    for pattern, tolerance in (
+        (r"(-?[\d.]+) \+- [\d.]+\n", {"abs": 2e-2}),
+        (r"\+- ([\d.]+)\n", {"rel": 0.5}),
+        (r"y  +([\d.]+)\n", {"abs": 1e-3}),
+    ):  # fmt: skip
+        found, promised = numbers(text, pattern), numbers(shown, pattern)
+        assert len(found) == len(promised) >= 3 and found == pytest.approx(promised, **tolerance)
+    assert "coordination" in (tmp_path / "fitted.toml").read_text()
+
+
 def test_the_scene_from_nothing_is_legal() -> None:
     from granfabric.cases.scene.reader import load
 

@@ -143,7 +143,7 @@ def test_iteration_limit_is_a_failure_and_is_never_reported_as_convergence(space
     control = StepControl(maximum_iterations=1, tolerance=1e-12, forcing=1e-2, smallest_factor=0.1)
     steps, summary = run(space, PLASTIC, [Stage("press", PRESS, 2)], control)
     assert not summary.finished and summary.stage == "press"
-    assert "within 1 iterations" in summary.message and "no step larger than 0.1" in summary.message
+    assert "within 1 iterations" in summary.message and "no load step larger than 0.1" in summary.message
     assert all(step.residuals[-1] <= 1e-12 for step in steps)
     assert summary.fraction == (steps[-1].fraction if steps else 0.0)
 

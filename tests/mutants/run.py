@@ -20,7 +20,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import patches
 from patches import TREE, Patch, PatchError
 
-COPIED = ("constitutive", "fem", "dem_ref", "cases", "docs", "tests", "pyproject.toml", "README.md")
+COPIED = ("api", "constitutive", "fem", "dem_ref", "cases", "docs", "tests", "pyproject.toml", "README.md")
+FRONT = "tests/types"
+"""Folder of the copy that holds the rooms as they are imported, by links: before an installed package."""
 LIMIT = 900
 """Seconds after which a test run counts as one that hangs, which is noticed too."""
 
@@ -36,7 +38,7 @@ def try_out(patch: Patch, copy: Path, cache: Path) -> str:
     path = copy / patch.file
     before, times = path.read_text(encoding="utf-8"), path.stat()
     path.write_text(patch.applied(before), encoding="utf-8")
-    settings = {"PYTHONPATH": str(copy), "NUMBA_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
+    settings = {"PYTHONPATH": str(copy / FRONT), "NUMBA_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-rfE", "-p", "no:cacheprovider", "-o", "addopts="]
     command += ["--strict-markers", "-m", "not slow and not long"]
     try:
@@ -60,6 +62,17 @@ def try_out(patch: Patch, copy: Path, cache: Path) -> str:
         os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
 
 
+def see_that_the_copy_is_imported(copy: Path) -> None:
+    """Every fault would survive if the tests ran on another tree."""
+    program = "import granfabric.cases as cases; print(cases.__file__)"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=copy, env=os.environ | {"PYTHONPATH": str(copy / FRONT)},
+        capture_output=True, text=True,
+    )  # fmt: skip
+    if copy.resolve() not in Path(done.stdout.strip()).resolve().parents:
+        raise SystemExit(f"not the copy would be tried but {done.stdout.strip() or done.stderr[-300:]}")
+
+
 def chosen(names: list[str]) -> list[Patch]:
     """Faults whose name contains one of the names, or whose kind is one; all without names."""
     every = patches.all_patches()
@@ -80,9 +93,10 @@ def run(names: list[str]) -> int:
         for name in COPIED:
             source = TREE / name
             if source.is_dir():
-                shutil.copytree(source, copy / name, ignore=shutil.ignore_patterns("__pycache__", "*.png"))
+                shutil.copytree(source, copy / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
             else:
                 shutil.copy(source, copy / name)
+        see_that_the_copy_is_imported(copy)
         for patch in chosen(names):
             since = time.perf_counter()
             try:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from . import glossary
 from .markdown import code, page, table
-from .project import CONVERGENCE_COLUMNS, VERIFY_COLUMNS, files
+from .project import CONVERGENCE_COLUMNS, DATA_COLUMNS, VERIFY_COLUMNS, files
 
 DATA = Path(__file__).with_name("files.toml")
 TEMPORARY = (".part",)
@@ -62,10 +62,11 @@ def pages() -> dict[str, str]:
             "## Arrays of `particles_*.vtu` and `contacts_*.vtu`",
             "`radius`, `contacts`, `bears_force`, `pressure` and `displacement` of each particle; `normal_force`, "
             "`tangential_force` and `mobilisation` of each contact: {doc}`glossary`.",
-            "## Tables of verify and convergence",
+            "## Tables of verify, convergence and fit",
             "Columns of `verify.csv`: " + ", ".join(code(name) for name in VERIFY_COLUMNS) + ".",
             "Columns of the table of `granfabric convergence`: "
             + ", ".join(code(name) for name in CONVERGENCE_COLUMNS)
             + ", and the order of the displacement.",
+            "Columns of `fit.csv` and `data.csv`: " + ", ".join(code(name) for name in DATA_COLUMNS) + ".",
         )
     }

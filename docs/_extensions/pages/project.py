@@ -6,6 +6,7 @@ import typer.main
 
 from granfabric.cases.commands.cli import app
 from granfabric.cases.commands.convergence import COLUMNS as CONVERGENCE_COLUMNS
+from granfabric.cases.fit.report import ROW_COLUMNS as DATA_COLUMNS
 from granfabric.cases.records import files
 from granfabric.cases.records.field_history import COUNTS, LEADING, MEANS
 from granfabric.cases.scene.catalogue import shipped
@@ -24,6 +25,7 @@ __all__ = [
     "CLOSURE_NUMBERS",
     "CONVERGENCE_COLUMNS",
     "COUNTS",
+    "DATA_COLUMNS",
     "DEM_COLUMNS",
     "INTEGRATION_NUMBERS",
     "LEADING",
