@@ -91,7 +91,7 @@ def bounds() -> dict[str, tuple[float, float]]:
     """Bounds of the law for each of its numbers, as the law declares them."""
     return {
         **{variable.name: (variable.lower, variable.upper) for variable in Material.variables()},
-        **{name: (0.0, most) for name, most in CLOSURE_NUMBERS.items()},
+        **CLOSURE_NUMBERS,
     }
 
 
