@@ -17,6 +17,15 @@ import typer
 from granfabric.cases.errors import InputError, RunError
 
 from .fit_options import CurvesArgument, DataOption, DataSetOption, FitOutputOption, FreeOption, MaterialFileOption
+from .verify_options import (
+    MaterialsOption,
+    PackingSetOption,
+    ParticlesOption,
+    PathsOption,
+    ProcessesOption,
+    QuickOption,
+    SeedsOption,
+)
 
 INTERRUPTED = 130
 """What the library of the command line makes of Ctrl-C."""
@@ -225,26 +234,27 @@ def verify(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Result folder; DEM runs in it are used again.")
     ] = Path("results/verify"),
-    particles: Annotated[int, typer.Option("--particles", metavar="N", help="Disks of a packing.")] = 2500,
-    seeds: Annotated[int, typer.Option("--seeds", metavar="K", help="Packings, for the scatter of the DEM.")] = 1,
+    particles: ParticlesOption = None,
+    seeds: SeedsOption = None,
+    paths: PathsOption = None,
+    materials: MaterialsOption = None,
+    assignments: PackingSetOption = None,
     data: DataOption = None,
-    assignments: DataSetOption = None,
+    quick: QuickOption = False,
+    processes: ProcessesOption = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:
-    """Compare the point law with the DEM: the source's four figures and a table of errors. With --data with curves."""
+    """Compare the point law with the DEM: the source's four figures and a table of errors, or a map.
+
+    With --paths, --materials, --set or --quick a map of materials by paths. With --data the law alone against curves.
+    """
     with _speaking(quiet, verbose) as screen:
-        if data:
-            from .fit import curves_of, run_comparison
+        from .verify_kinds import verify_as_asked
 
-            _exit(run_comparison(curves_of(data), output, screen, assignments or [], overwrite)[0].outcome)
-            return
-        if assignments:
-            raise InputError("--set goes with --data: without curves of yours all inputs are measured on the packings")
-        from .verify import run_verify
-
-        _exit(run_verify(output, particles, seeds, screen, overwrite).outcome)
+        choice = (particles, seeds, paths, materials, assignments or [], data or [], quick, processes)
+        _exit(verify_as_asked(output, *choice, screen, overwrite).outcome)
 
 
 @app.command()

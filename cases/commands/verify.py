@@ -70,12 +70,7 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwri
     RunError
         If the run broke off; finished DEM runs are on disk.
     """
-    for name, value, least, most in (
-        ("--particles", particles, LEAST_PARTICLES, MOST_PARTICLES),
-        ("--seeds", seeds, 1, MOST_SEEDS),
-    ):
-        if not least <= value <= most:
-            raise InputError(f"{name} {value} is outside [{least}, {most}]")
+    refuse_numbers(particles, seeds)
     with files.held(folder, OWNER, overwrite):
         files.prepare_output(folder, OWNER, overwrite)
         numbers = list(range(1, seeds + 1))
@@ -111,6 +106,21 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwri
         record.write()
         _report(study, record, screen)
         return record
+
+
+def refuse_numbers(particles: int | None, seeds: int | None) -> None:
+    """Refuse numbers out of bounds; None is not given.
+
+    Raises
+    ------
+    InputError
+    """
+    for name, value, least, most in (
+        ("--particles", particles, LEAST_PARTICLES, MOST_PARTICLES),
+        ("--seeds", seeds, 1, MOST_SEEDS),
+    ):
+        if value is not None and not least <= value <= most:
+            raise InputError(f"{name} {value} is outside [{least}, {most}]")
 
 
 def _measured(store: DemStore, seeds: Sequence[int], screen: Screen, stop: InterruptRequest) -> list[SeedResult]:

@@ -35,7 +35,8 @@ def draw_folder(folder: Path) -> list[Path]:
         raise InputError(f"{str(folder)!r} is not a result folder: it has no {files.RECORD} of {files.PROGRAM}")
     if record["kind"] == "verify":
         raise InputError(
-            f"{str(folder)!r} holds a comparison; `granfabric verify -o {folder}` draws it anew from the DEM runs there"
+            f"{str(folder)!r} holds a comparison; `granfabric verify -o {folder}` draws it anew from the DEM runs "
+            "there, a map with the options that run.log begins with"
         )
     if record["kind"] in DATA_TABLES:
         return _draw_data(folder, record)

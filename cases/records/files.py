@@ -30,9 +30,12 @@ FAILED_POINT = "failed_point.toml"
 OF_DATA = ("fit.csv", "fit.png", "data.csv", "data.png")
 PICTURES = (
     *("overview.png", "microvariables.png", "fabric_decomposition.png", "packing.png", "distributions.png"),
-    *("closed_form.png", "convergence.png", *(f"figure_{number}.png" for number in range(1, 7))),
+    *("closed_form.png", "convergence.png", "map.png", *(f"figure_{number}.png" for number in range(1, 7))),
 )
-TABLES = ("verify.csv", "verify.md", "paths.csv", "probes.csv", "closures.csv", "convergence.csv")
+TABLES = (
+    *("verify.csv", "verify.md", "paths.csv", "probes.csv", "closures.csv", "convergence.csv"),
+    *("map.csv", "map_curves.csv", "map.md"),
+)
 LOG = "run.log"
 SERIES = ("result", "points", "particles", "contacts")
 OWN_FILES = (
@@ -41,7 +44,9 @@ OWN_FILES = (
     *OF_DATA,
 )
 CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
-OWN_PATTERNS = (".granfabric-*", ".result*", ".points*", *CHECKPOINTS, *(f"{name}_*.vtu" for name in SERIES))
+OF_MAP = ("map_*.png", "material_*.toml")
+"""A figure for each path of a map, measured inputs of each of its materials."""
+OWN_PATTERNS = (".granfabric-*", ".result*", ".points*", *CHECKPOINTS, *OF_MAP, *(f"{name}_*.vtu" for name in SERIES))
 """What a run writes; only these are removed when a result folder is used again. Not among them: what `cost` and
 `verify` keep of the DEM in `dem`, to be used again, and the studies of `cost`, whose folders nothing else replaces."""
 

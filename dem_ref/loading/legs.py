@@ -143,9 +143,11 @@ def biaxial_leg(
     path : str
         ``"constant_pressure"``: p and the shear stress across the axes keep their values, the deviatoric strain is
         driven. ``"constant_lateral_stress"``: the stress across the axis keeps its value, the axial strain is driven.
+        ``"constant_volume"``: volume and the shear stress across the axes keep their values, the deviatoric strain is
+        driven.
     shear_strain : float
         Change of the driven strain at the end of the leg, positive for compression along the axis: of eps_1 - eps_2
-        at constant pressure, of the axial strain at constant lateral stress. Negative unloads.
+        at constant pressure or volume, of the axial strain at constant lateral stress. Negative unloads.
     stress_ratio : float, optional
         Stop when q/p, with the sign of loading along the axis, passes this value.
     angle : float
@@ -154,18 +156,24 @@ def biaxial_leg(
     c2, s2 = cos(2 * angle), sin(2 * angle)
     deviator = c2 * DEVIATORIC + s2 * SHEAR
     across = -s2 * DEVIATORIC + c2 * SHEAR
-    if path == "constant_pressure":
+    if path in ("constant_pressure", "constant_volume"):
         directions = np.array([deviator, ISOTROPIC, across])
         length = shear_strain / ROOT2  # deviatoric six-vector of a given eps_1 - eps_2
     elif path == "constant_lateral_stress":
         directions = np.array([(ISOTROPIC + deviator) / ROOT2, (ISOTROPIC - deviator) / ROOT2, across])
         length = shear_strain
     else:
-        raise SampleError(f"path is '{path}', legal are 'constant_pressure' and 'constant_lateral_stress'")
+        raise SampleError(
+            f"path is '{path}', legal are 'constant_pressure', 'constant_lateral_stress' and 'constant_volume'"
+        )
+    kept = path == "constant_volume"
 
     def values(s: float, stress: NDArray[np.float64], strain: NDArray[np.float64]) -> NDArray[np.float64]:
         at = directions @ to_vector(stress)
-        at[0] = directions[0] @ to_vector(strain) - s * length
+        along = directions @ to_vector(strain)
+        at[0] = along[0] - s * length
+        if kept:
+            at[1] = along[1]
         return at
 
     stop = None
@@ -175,7 +183,7 @@ def biaxial_leg(
         def stop(stress: NDArray[np.float64], strain: NDArray[np.float64]) -> bool:
             return sign * (axial_stress_ratio(stress, angle) - limit) >= 0.0
 
-    return Leg(directions, (True, False, False), values, stop, hold)
+    return Leg(directions, (True, kept, False), values, stop, hold)
 
 
 def axial_stress_ratio(stress: NDArray[np.float64], angle: float) -> float:

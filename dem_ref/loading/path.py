@@ -25,10 +25,10 @@ class Segment:
         ``"biaxial"`` driven by strain, ends at `stress_ratio` or `shear_strain`, whichever comes first;
         ``"invariants"`` moves p, q and the direction; ``"mixed"`` prescribes stress or strain per component.
     path : str
-        biaxial: ``"constant_pressure"`` or ``"constant_lateral_stress"``.
+        biaxial: ``"constant_pressure"``, ``"constant_lateral_stress"`` or ``"constant_volume"``.
     shear_strain : float
-        biaxial: change of eps_1 - eps_2 (constant pressure) or of the axial strain (constant lateral stress), positive
-        in compression along `angle`; negative unloads.
+        biaxial: change of eps_1 - eps_2 (constant pressure or volume) or of the axial strain (constant lateral stress),
+        positive in compression along `angle`; negative unloads.
     stress_ratio : float or None
         biaxial: signed q/p along `angle` at which to stop; invariants: q over p at the end.
     pressure : float

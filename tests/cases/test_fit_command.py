@@ -322,9 +322,17 @@ def test_damaged_curves_end_in_a_sentence(granfabric: Callable, tmp_path: Path, 
         assert (out / "data.csv").is_file()
 
 
-def test_verify_without_curves_takes_no_keys(granfabric: Callable, tmp_path: Path) -> None:
+@pytest.mark.parametrize("option", [("--paths", "loop"), ("--particles", "300"), ("--quick",)])
+def test_options_of_the_dem_do_not_go_with_curves(granfabric: Callable, tmp_path: Path, option: tuple) -> None:
+    (tmp_path / "a.csv").write_text("q/p,coordination\n0,4\n0.1,3.9\n")
+    result = granfabric("verify", "--data", tmp_path / "a.csv", *option, "-o", tmp_path / "out")
+    assert result.code == 2 and f"{option[0]} is of comparisons with the DEM" in result.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_keys_of_the_law_are_none_of_a_packing(granfabric: Callable, tmp_path: Path) -> None:
     result = granfabric("verify", "--set", "material_file=dense_disks", "-o", tmp_path / "out")
-    assert result.code == 2 and "--set goes with --data" in result.err and not (tmp_path / "out").exists()
+    assert result.code == 2 and "material_file" in result.err and not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,8 @@ def run(names: list[str]) -> int:
         for name in COPIED:
             source = TREE / name
             if source.is_dir():
-                shutil.copytree(source, copy / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+                ignored = shutil.ignore_patterns("__pycache__", "*.png")
+                shutil.copytree(source, copy / name, symlinks=True, ignore=ignored)
             else:
                 shutil.copy(source, copy / name)
         see_that_the_copy_is_imported(copy)

@@ -7,7 +7,14 @@ from pathlib import Path
 
 from . import glossary
 from .markdown import code, page, table
-from .project import CONVERGENCE_COLUMNS, DATA_COLUMNS, VERIFY_COLUMNS, files
+from .project import (
+    CONVERGENCE_COLUMNS,
+    CURVE_COLUMNS,
+    DATA_COLUMNS,
+    MAP_COLUMNS,
+    VERIFY_COLUMNS,
+    files,
+)
 
 DATA = Path(__file__).with_name("files.toml")
 TEMPORARY = (".part",)
@@ -16,7 +23,7 @@ TEMPORARY = (".part",)
 
 def own_files() -> list[str]:
     """Names of all files that the program knows as its own, as it knows them."""
-    patterns = [name for name in files.CHECKPOINTS if not name.startswith(".")]
+    patterns = [name for name in (*files.CHECKPOINTS, *files.OF_MAP) if not name.startswith(".")]
     return [name for name in (*files.OWN_FILES, *patterns) if not name.endswith(TEMPORARY)]
 
 
@@ -64,6 +71,10 @@ def pages() -> dict[str, str]:
             "`tangential_force` and `mobilisation` of each contact: {doc}`glossary`.",
             "## Tables of verify, convergence and fit",
             "Columns of `verify.csv`: " + ", ".join(code(name) for name in VERIFY_COLUMNS) + ".",
+            "Columns of `map.csv` ({py:class}`~granfabric.cases.verify.map.compare.MapRow`): "
+            + ", ".join(code(name) for name in MAP_COLUMNS)
+            + ".",
+            "Columns of `map_curves.csv`: " + ", ".join(code(name) for name in CURVE_COLUMNS) + ", and one a closure.",
             "Columns of the table of `granfabric convergence`: "
             + ", ".join(code(name) for name in CONVERGENCE_COLUMNS)
             + ", and the order of the displacement.",

@@ -11,6 +11,7 @@ from granfabric.cases.records import files
 from granfabric.cases.records.field_history import COUNTS, LEADING, MEANS
 from granfabric.cases.scene.catalogue import shipped
 from granfabric.cases.scene.schema import json_schema
+from granfabric.cases.verify.map.compare import CURVE_COLUMNS, MAP_COLUMNS
 from granfabric.cases.verify.table import COLUMNS as VERIFY_COLUMNS
 from granfabric.constitutive.contract import LawDescription, Variable
 from granfabric.constitutive.effects import Effects
@@ -25,10 +26,12 @@ __all__ = [
     "CLOSURE_NUMBERS",
     "CONVERGENCE_COLUMNS",
     "COUNTS",
+    "CURVE_COLUMNS",
     "DATA_COLUMNS",
     "DEM_COLUMNS",
     "INTEGRATION_NUMBERS",
     "LEADING",
+    "MAP_COLUMNS",
     "MEANS",
     "POINT_COLUMNS",
     "SLIDING_COLUMNS",
