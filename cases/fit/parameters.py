@@ -87,7 +87,7 @@ TOLD_BY = {
     "apparent_cohesion": "peaks of q/p at several pressures",
     "weak_contact_ratio": "z and a_c while q/p grows, with force_density_at_zero known",
     "weak_contact_ratio_isotropic": "z while the pressure falls at constant q/p",
-    "weak_contact_gradient": "a_c while q/p grows at a pressure that has risen or fallen, beside a_c at the initial one",
+    "weak_contact_gradient": "a_c while q/p grows at a pressure that is not the initial one, beside a_c at that one",
     "elastic_scatter": "z on unloading of q/p against z on loading",
     "elastic_scatter_isotropic": "z while the pressure changes and comes back",
     "irreversible_scatter": "z that does not come back after a cycle of q/p",

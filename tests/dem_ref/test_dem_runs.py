@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granfabric.dem_ref.dynamics.packing import make_packing
 from granfabric.dem_ref.inputs.material import CLOSURE_KEYS, MATERIAL_KEYS, measure_material
 from granfabric.dem_ref.inputs.probes import (
     ELASTIC_LIMITS,
@@ -300,7 +299,8 @@ def gap_density(sample: Sample, fraction: float) -> float:
     diameter = 2 * sample.radius.mean()
     window = fraction * force_harmonics(contacts).mean / sample.normal_stiffness / diameter
     gap = pairs.gap / diameter
-    counted = sum(0.0 < gap[k] < window and held[i] and held[j] for k, (i, j) in enumerate(zip(pairs.first, pairs.second)))
+    between = zip(gap, pairs.first, pairs.second)
+    counted = sum(0.0 < xi < window and held[i] and held[j] for xi, i, j in between)
     return counted / int(np.sum(gap > 0.0)) / float(window)
 
 
