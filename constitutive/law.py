@@ -49,6 +49,8 @@ _TANGENTS = {
 
 _NO_CONTROL, _NO_STRAIN = np.zeros((0, 3), dtype=np.uint8), np.zeros((0, 3))
 
+LEAST_FOLLOWING = 0.1
+"""Least fraction of weak contacts that follow the mean change of their direction, at a smaller chi too."""
 _COMFORTABLE_SUBSTEPS = 20
 """Substeps per increment above which the report proposes no larger step."""
 
@@ -132,11 +134,14 @@ class ContactLaw:
             return ShiftedDistribution(
                 frictional=closure.tangential_rule == "frictional",
                 chi=float(closure.weak_contact_ratio),
+                following=min(1.0, max(LEAST_FOLLOWING, float(closure.weak_contact_ratio))),
                 chi_p=float(closure.weak_contact_ratio_isotropic),
+                gradient=float(closure.weak_contact_gradient),
                 c_e=float(closure.elastic_scatter),
                 c_p=float(closure.elastic_scatter_isotropic),
                 c_i=float(closure.irreversible_scatter) if self.effects.irreversible_spread else 0.0,
                 c_t=float(closure.tangential_force_ratio),
+                kappa=float(closure.tangential_force_loss),
                 slip=float(closure.slip),
                 delay=float(closure.slip_delay),
             )

@@ -111,6 +111,15 @@ class Material:
             default=0.5,
         )
     )
+    force_density_slope: float = _declare(
+        Variable(
+            "force_density_slope",
+            "slope P0' of the density of normal forces (divided by their mean) near zero force",
+            lower=-10.0,
+            upper=10.0,
+            default=0.0,
+        )
+    )
     gap_density_at_zero: float = _declare(
         Variable(
             "gap_density_at_zero",
@@ -228,18 +237,20 @@ def _check_choice(owner: str, name: str, value: object, legal: tuple[str, ...]) 
         raise ParameterError(f"{owner}.{name} = {value!r} is not one of {', '.join(legal)}; the nearest is {near[0]!r}")
 
 
-CLOSURE_NUMBERS = {
-    "weak_contact_ratio": 5.0,
-    "weak_contact_ratio_isotropic": 5.0,
-    "elastic_scatter": 5.0,
-    "elastic_scatter_isotropic": 5.0,
-    "irreversible_scatter": 50.0,
-    "tangential_force_ratio": 2.0,
-    "slip": 50.0,
-    "slip_delay": 50.0,
-    "fluctuation": 5.0,
+CLOSURE_NUMBERS: dict[str, tuple[float, float]] = {
+    "weak_contact_ratio": (0.0, 5.0),
+    "weak_contact_ratio_isotropic": (0.01, 5.0),
+    "weak_contact_gradient": (0.0, 2.0),
+    "elastic_scatter": (0.0, 5.0),
+    "elastic_scatter_isotropic": (0.0, 5.0),
+    "irreversible_scatter": (0.0, 50.0),
+    "tangential_force_ratio": (0.0, 2.0),
+    "tangential_force_loss": (0.0, 20.0),
+    "slip": (0.0, 50.0),
+    "slip_delay": (0.0, 50.0),
+    "fluctuation": (0.0, 5.0),
 }
-"""Numbers of a closure in the order of the kernels (`lanes.CHI` ...), each with the largest that is legal."""
+"""Numbers of a closure, each with the smallest and the largest that is legal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -263,6 +274,9 @@ class Closure:
         chi: mean change of force of weak contacts over that of all contacts of their direction.
     weak_contact_ratio_isotropic : float
         chi_p: the same for a change of pressure.
+    weak_contact_gradient : float
+        a: how much more of a change of pressure stronger contacts feel, per mean force; a pressure p stretches the
+        distribution of weak forces by (p/p_0)^a.
     elastic_scatter : float
         c_e: scatter of the change of weak forces over the amplitude of their mean change; reversible.
     elastic_scatter_isotropic : float
@@ -271,6 +285,8 @@ class Closure:
         c_i: irreversible scatter of the weak forces, over their mean, per square of the largest q/p so far.
     tangential_force_ratio : float
         c_t: |a_t|/(q/p) of contacts that do not slip.
+    tangential_force_loss : float
+        kappa: exponent with which c_t falls with the fraction of contacts that a falling pressure has left.
     slip : float
         k: decrease of |a_t|/(q/p) by contacts that slip, per q/p.
     slip_delay : float
@@ -285,10 +301,12 @@ class Closure:
     shear_stiffness: ShearStiffness = "uniform_strain"
     weak_contact_ratio: float = 0.75
     weak_contact_ratio_isotropic: float = 0.6
+    weak_contact_gradient: float = 0.5
     elastic_scatter: float = 0.45
     elastic_scatter_isotropic: float = 0.35
     irreversible_scatter: float = 2.3
     tangential_force_ratio: float = 0.78
+    tangential_force_loss: float = 1.5
     slip: float = 1.0
     slip_delay: float = 0.6
     fluctuation: float = 0.3
@@ -298,10 +316,10 @@ class Closure:
         _check_choice("closure", "tangential", self.tangential, get_args(Tangential))
         _check_choice("closure", "distribution", self.distribution, get_args(Distribution))
         _check_choice("closure", "shear_stiffness", self.shear_stiffness, get_args(ShearStiffness))
-        for name, most in CLOSURE_NUMBERS.items():
+        for name, (least, most) in CLOSURE_NUMBERS.items():
             value = getattr(self, name)
-            if not is_within(value, 0.0, most):
-                raise ParameterError(f"closure.{name} = {value!r} is not a number in [0, {most:g}]")
+            if not is_within(value, least, most):
+                raise ParameterError(f"closure.{name} = {value!r} is not a number in [{least:g}, {most:g}]")
         if self.tangential == "frictional" and self.force_change != "shifted_distribution":
             raise ParameterError(
                 f"closure.tangential = 'frictional' goes with force_change = 'shifted_distribution', not with "

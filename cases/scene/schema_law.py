@@ -94,7 +94,7 @@ ClosureSection: Any = _declared_section(
     "ClosureSection",
     Closure,
     "How the change of contact forces is closed.",
-    {key: (0.0, most) for key, most in CLOSURE_NUMBERS.items()},
+    CLOSURE_NUMBERS,
     ("force_change",),
     checked_here=True,
 )

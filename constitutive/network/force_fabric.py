@@ -19,7 +19,6 @@ import math
 
 from granfabric.constitutive.compilation import compiled, formula
 from granfabric.constitutive.lanes.eight import choose
-from granfabric.constitutive.lanes.elementary import larger
 
 from .tangential_force import tangential_magnitude
 
@@ -28,26 +27,34 @@ LEAST_MARGIN = 0.05
 
 
 @formula
-def tangential_force(s1, s2, x0, c_t, k, delay_ratio):
-    """a_t of a stress ratio and an isotropic shift of weak forces.
+def tangential_force(s1, s2, numbers, by_pressure):
+    """a_t of a stress ratio and the numbers of slip at a pressure.
+
+    Parameters
+    ----------
+    s1, s2 : float
+    numbers, by_pressure : tuples of 3
+        c_t, k and L and their derivatives by ln p, see `tangential_force.slip_numbers`.
 
     Returns
     -------
     a_t : tuple of 2
     by_s : tuple of 3
         Derivatives 11, 12 = 21, 22.
-    by_x0 : tuple of 2
+    by_p : tuple of 2
+        By ln p.
     """
     m = math.sqrt(s1 * s1 + s2 * s2)
-    value, by_m, by_delay = tangential_magnitude(m, c_t, k, delay_ratio * larger(x0, 0.0))
+    value, by_m, by_delay, by_c_t, by_k = tangential_magnitude(m, numbers[0], numbers[1], numbers[2])
     sheared = m > 0.0
     inverse = 1.0 / choose(sheared, m, 1.0)
     u1, u2 = choose(sheared, s1 * inverse, 1.0), s2 * inverse
-    h = choose(sheared, value * inverse, c_t)
+    h = choose(sheared, value * inverse, numbers[0])
     # d a_t/d s = h 1 + (d|a_t|/dm - h) u u
     along = by_m - h
-    by_x = choose(x0 > 0.0, by_delay * delay_ratio, 0.0)
-    return (h * s1, h * s2), (h + along * u1 * u1, along * u1 * u2, h + along * u2 * u2), (by_x * u1, by_x * u2)
+    by_p = by_c_t * by_pressure[0] + by_k * by_pressure[1] + by_delay * by_pressure[2]
+    by_p = choose(sheared, by_p, 0.0)
+    return (h * s1, h * s2), (h + along * u1 * u1, along * u1 * u2, h + along * u2 * u2), (by_p * u1, by_p * u2)
 
 
 @formula
@@ -73,10 +80,10 @@ def carried_force(s1, s2, a1, a2, t1, t2):
 
 
 @formula
-def carried_force_by_stress(s1, s2, a1, a2, mu, margin, t_by_s, t_by_x0):
-    """Derivatives of A by s (11, 12, 21, 22) and by X_0 (2) at fixed a_c, from those of a_t."""
+def carried_force_by_stress(s1, s2, a1, a2, mu, margin, t_by_s, t_by_p):
+    """Derivatives of A by s (11, 12, 21, 22) and by ln p (2) at fixed a_c, from those of a_t."""
     d11, d12, d22 = t_by_s
-    x1, x2 = t_by_x0
+    x1, x2 = t_by_p
     inverse = 1.0 / choose(margin > LEAST_MARGIN, margin, 1.0)
     mu_s1 = (mu * a1 - 0.5 * (a1 * d11 + a2 * d12)) * inverse
     mu_s2 = (mu * a2 - 0.5 * (a1 * d12 + a2 * d22)) * inverse
@@ -106,7 +113,7 @@ def initial_force_fabric(stress_ratio, fabric, c_t, k, normal, tangential, mu):
     """
     for i in range(stress_ratio.shape[0]):
         s1, s2, a1, a2 = stress_ratio[i, 0], stress_ratio[i, 1], fabric[i, 0], fabric[i, 1]
-        (t1, t2), _, _ = tangential_force(s1, s2, 0.0, c_t, k, 0.0)
+        (t1, t2), _, _ = tangential_force(s1, s2, (c_t, k, 0.0), (0.0, 0.0, 0.0))
         (carried1, carried2), mean, _, margin = carried_force(s1, s2, a1, a2, t1, t2)
         if not (margin > LEAST_MARGIN and mean > 0.0):
             mu[i] = math.nan

@@ -25,6 +25,7 @@ from granfabric.constitutive.material_table import (
     PAR_KN,
     PAR_NEIGHBOURS,
     PAR_P_GAP,
+    PAR_P_SLOPE,
     PAR_P_ZERO,
     PAR_PHI,
     PAR_RATIO,
@@ -69,7 +70,8 @@ class Point(NamedTuple):
     reference_a1: float
     reference_a2: float
     p_zero: float
-    """P0, or 0 if nothing is lost."""
+    """P0, or 0 if nothing is lost; likewise its slope P0'."""
+    p_slope: float
     half_gap: float
     """P_xi0/2, or 0 if nothing is gained; likewise the number of neighbours."""
     neighbours: float
@@ -223,9 +225,10 @@ def load(inputs, options, lanes):
     if options.isostatic:
         offset = read(inputs, first + PAR_Z_ISO, lanes)
         g = isostatic_shear(g, read(inputs, first + PAR_Z, lanes), offset)
-    p_zero, half_gap, neighbours = zero, zero, zero
+    p_zero, p_slope, half_gap, neighbours = zero, zero, zero, zero
     if options.loss:
         p_zero = read(inputs, first + PAR_P_ZERO, lanes)
+        p_slope = read(inputs, first + PAR_P_SLOPE, lanes)
     if options.gain:
         half_gap = 0.5 * read(inputs, first + PAR_P_GAP, lanes)
         neighbours = read(inputs, first + PAR_NEIGHBOURS, lanes)
@@ -234,7 +237,7 @@ def load(inputs, options, lanes):
     )
     turns = 1.0 if options.rotation else 0.0
     point = Point(
-        k, g, offset, b, z_ref, a1_ref, a2_ref, p_zero, half_gap, neighbours,
+        k, g, offset, b, z_ref, a1_ref, a2_ref, p_zero, p_slope, half_gap, neighbours,
         read(inputs, first + PAR_C_N, lanes),
         # f/(kn r) = 2 pi p/(z phi kn), section 3 of the model
         2.0 * math.pi / (phi * kn),

@@ -1,23 +1,29 @@
-"""Closure by the distribution of weak-contact forces itself [model, section 5.3].
+"""Closure by the distribution of weak-contact forces itself [model, sections 5.3 and 11].
 
-Forces of the contacts of a direction start with a flat density P0 above zero. Loading shifts them by
-X(theta) = X_0 + X_1.e, in units of the mean force, and spreads them by S; what has moved below zero is lost:
+Forces of the contacts of a direction start with a density that is a straight line above zero, P0 + P0' F, in units of
+the mean force f_0 of the packing at its reference pressure p_0. Loading shifts and stretches them; what has moved below
+zero is lost. With P = p/p_0, in units of f_0 throughout:
 
-    Lambda = P0 E[max(-X, 0)],      N(theta) = (1 + a_c(0).e) exp(-Lambda - Lambda^2/2 + g E[max(X, 0)])
-    z = z(0) <N>,    a_c = 2 <N e>/<N>,    g = beta P_xi0 f/(2 kn r) at z(0),    expectations over a spread S
-    S^2 = S_i^2 + (c_e |X_1|)^2 + (c_p X_0)^2,    S_i = c_i max |s|^2
-    dX_0 = (chi_p - X_0) dlnp,    dX_1 = chi (a_n dlnp + dA) - X_1 dlnp,    A = a_n + a_c  (`force_fabric`)
+    D_0 = chi_p (P - 1),    D_1 = P X_1 / P^a,    X_1 = chi A + V/p,    A = a_n + a_c  (`force_fabric`)
+    lambda(D) = P0 E[max(-D, 0)] + P0'/2 E[max(-D, 0)^2]      (a falling line ends where it is zero)
+    Lambda(theta) = phi lambda(D_0 + D_1.e/phi) + (1 - phi) lambda(D_0),      phi = min(chi, 1)
+    N(theta) = (1 + a_c(0).e) exp(-Lambda - Lambda^2/2 + g E[max(D, 0)])
+    z = z(0) <N>,    a_c = 2 <N e>/<N>,    g = beta P_xi0 f_0/(2 kn r) at z(0)
+    S^2 = (c_e |D_1|)^2 + (c_p D_0)^2 + (P^(1-a) S_i)^2,      S_i = c_i max |s|^2,   expectations over S
 
-A flat density loses exactly the share Lambda; ``exp(-Lambda - Lambda^2/2)`` is that up to the third order and stays
-positive. Two exact integrals simplify the rates. X_0 is a function of the pressure, ``(X_0 - chi_p) p`` being constant.
-And ``Y = X_1 - chi A`` obeys ``dY = -(Y + chi a_c) dlnp``, so that
+Forces are counted in units of the initial mean force because that is what the density P0 is known for: when the
+pressure has fallen to half, forces have come closer to zero by half of that mean, not by all of the present one. What a
+shift reaches by then has been pushed together by the pressure, or spread by a higher one: stronger contacts feel more
+of its change, so that weak forces are stretched by P^a, with a measured as their response grows with the force. The
+fraction phi of weak contacts follows the mean change of their direction; the others, on particles with three
+contacts mostly, do not feel the direction at all. V = p Y is what the packing carried before anything was
+loaded, ``-chi p_0 A_0``, and stays: the force that all initial contacts of a direction carry is p (1 + A.e), by the
+stress. So z and a_c are functions of stress and of the largest |s|, whatever the path.
 
-    V = p Y,        dV = -chi a_c dp
+A density loses exactly the fraction Lambda; ``exp(-Lambda - Lambda^2/2)`` is that up to the third order and stays
+positive. X_1 follows from the stress by two equations, because A depends on a_c. N > 0 makes z > 0, |a_c| < 2.
 
-is all that has to be integrated: it is the unknown in place of a_c, and X_1 follows from it and the stress by two
-equations, because A depends on a_c (`network_at`). N > 0 makes z > 0, |a_c| < 2.
-
-The averages < > are taken in the frame of X_1, in which X depends on the cosine alone: half of the directions do.
+The averages < > are taken in the frame of X_1, in which D depends on the cosine alone: half of the directions do.
 """
 
 import math
@@ -27,7 +33,8 @@ from granfabric.constitutive.lanes.eight import choose, somewhere
 from granfabric.constitutive.lanes.elementary import exponential
 
 from .force_fabric import LEAST_MARGIN, carried_force, carried_force_by_stress, tangential_force
-from .weak_forces import negative_part
+from .tangential_force import slip_numbers
+from .weak_forces import lost_and_gained
 
 MOST_ITERATIONS = 50
 STEP_TOLERANCE = 1e-8
@@ -35,34 +42,37 @@ STEP_TOLERANCE = 1e-8
 
 
 @formula
-def logarithm(p0, gain, x, s):
-    """ln N of one direction without the initial density, with its derivatives by X, S and g."""
-    below, below_x, below_s = negative_part(x, s)
-    lost = p0 * below
-    above = below + x
-    factor = -p0 * (1.0 + lost)
-    return (
-        gain * above - lost - 0.5 * lost * lost,
-        factor * below_x + gain * (1.0 + below_x),
-        (factor + gain) * below_s,
-        above,
-    )
+def logarithm(lost, above, gain):
+    """ln N of one direction without the initial density."""
+    return gain * above - lost - 0.5 * lost * lost
 
 
 @formula
-def spread_of(x0, size, irreversible, c_e, c_p):
-    """S for |X_1| = size."""
-    return math.sqrt(irreversible * irreversible + c_e * c_e * size * size + c_p * c_p * x0 * x0)
+def spread_of(shift, reach, irreversible, c_e, c_p):
+    """S of D_0, |D_1| and the irreversible part."""
+    return math.sqrt(irreversible * irreversible + c_e * c_e * reach * reach + c_p * c_p * shift * shift)
 
 
 @formula
-def moments_along(x0, size, s, p0, gain, cosines):
+def resting_part(following, density, shift, s):
+    """Lost and gained of the contacts that do not feel the direction, with derivatives by D_0 and S."""
+    lost, lost_x, lost_s, above, above_x, above_s = lost_and_gained(density[0], density[1], shift, s)
+    rest = 1.0 - following
+    return rest * lost, rest * lost_x, rest * lost_s, rest * above, rest * above_x, rest * above_s
+
+
+@formula
+def moments_along(shift, reach, s, density, gain, following, cosines):
     """Averages over directions of M = N/(1 + a_c(0).e) and of its derivatives, times powers of the cosine c to X_1.
 
     Parameters
     ----------
-    x0, size, s, p0, gain : float
-        X_0, |X_1|, S, P0 and g.
+    shift, reach, s, gain : float
+        D_0, |D_1|, S and g.
+    density : tuple of 2 floats
+        P0 and P0'.
+    following : float
+        phi.
     cosines : ndarray, shape (directions/2,)
         Of directions equally spaced over half of the circle.
 
@@ -70,34 +80,41 @@ def moments_along(x0, size, s, p0, gain, cosines):
     -------
     number : tuple of 3 floats
         <M>, <M c>, <M c^2>.
-    by_x : tuple of 4
-        The same for M d(ln M)/dX, up to c^3.
-    by_s, by_gain : tuples of 3
-        The same for the derivatives by S and g, up to c^2.
+    by_reach : tuple of 4
+        The same for M times the derivative of ln M by D_1.e, up to c^3.
+    by_shift, by_s : tuples of 3
+        The same for the derivatives by D_0 and S, up to c^2.
     """
-    share = 1.0 / cosines.shape[0]
-    zero = 0.0 * x0
+    weight = 1.0 / cosines.shape[0]
+    zero = 0.0 * shift
     m0, m1, m2, x_0, x_1, x_2, x_3 = zero, zero, zero, zero, zero, zero, zero
-    s_0, s_1, s_2, g_0, g_1, g_2 = zero, zero, zero, zero, zero, zero
+    s_0, s_1, s_2, d_0, d_1, d_2 = zero, zero, zero, zero, zero, zero
+    rest, rest_x, rest_s, rest_above, rest_above_x, rest_above_s = resting_part(following, density, shift, s)
+    far = reach / following
     for i in range(cosines.shape[0]):
         c = cosines[i]
-        exponent, by_x, by_s, by_g = logarithm(p0, gain, x0 + size * c, s)
-        m = exponential(exponent) * share
+        lost, lost_x, lost_s, above, above_x, above_s = lost_and_gained(density[0], density[1], shift + far * c, s)
+        lost = following * lost + rest
+        m = exponential(logarithm(lost, following * above + rest_above, gain)) * weight
+        factor = -(1.0 + lost)
+        by_x = factor * lost_x + gain * above_x
+        by_d = following * by_x + factor * rest_x + gain * rest_above_x
+        by_s = factor * (following * lost_s + rest_s) + gain * (following * above_s + rest_above_s)
         m0 += m
         m1 += m * c
         m2 += m * (c * c)
-        by_x, by_s, by_g = by_x * m, by_s * m, by_g * m
+        by_x, by_d, by_s = by_x * m, by_d * m, by_s * m
         x_0 += by_x
         x_1 += by_x * c
         x_2 += by_x * (c * c)
         x_3 += by_x * (c * c * c)
+        d_0 += by_d
+        d_1 += by_d * c
+        d_2 += by_d * (c * c)
         s_0 += by_s
         s_1 += by_s * c
         s_2 += by_s * (c * c)
-        g_0 += by_g
-        g_1 += by_g * c
-        g_2 += by_g * (c * c)
-    return (m0, m1, m2), (x_0, x_1, x_2, x_3), (s_0, s_1, s_2), (g_0, g_1, g_2)
+    return (m0, m1, m2), (x_0, x_1, x_2, x_3), (d_0, d_1, d_2), (s_0, s_1, s_2)
 
 
 @formula
@@ -114,21 +131,23 @@ def fabric_change(change, n0, a1, a2):
 
 
 @formula
-def network_of(state, stress_ratio, y, guess, origin, p0, normal, c_n, closure, cosines):
+def network_of(weak, irreversible, stress_ratio, y, guess, origin, density, normal, c_n, closure, cosines):
     """Coordination number and fabric of a state, with derivatives.
 
     Parameters
     ----------
-    state : tuple of 4 floats
-        X_0, dX_0/dlnp, g and S_i.
+    weak : WeakState
+        What the pressure does.
+    irreversible : float
+        S_i.
     stress_ratio, y : tuples of 2 floats
-        s and Y.
+        s and Y = V/p.
     guess : tuple of 2 floats
         a_c, about.
     origin : tuple of 3 floats
         z, a_c of the initial packing.
-    p0 : float
-        P0; 0 if nothing is lost.
+    density : tuple of 2 floats
+        P0 and P0'; 0 if nothing is lost.
     normal : tuple of 2 floats
         a_n, if it follows from s alone, and c_n its derivative by s.
     closure : closures.ShiftedDistribution
@@ -146,10 +165,11 @@ def network_of(state, stress_ratio, y, guess, origin, p0, normal, c_n, closure, 
     force : tuple of 5 floats
         A (2), mu, a_t (2).
     """
-    x0, x0_by_p, gain, irreversible = state
+    shift, stretch, gain = weak.shift, weak.stretch, weak.gain
     s1, s2 = stress_ratio
-    chi, c_e, c_p = closure.chi, closure.c_e, closure.c_p
-    t, t_by_s, t_by_x0 = tangential_force(s1, s2, x0, closure.c_t, closure.slip, closure.delay)
+    chi, c_e, c_p, following = closure.chi, closure.c_e, closure.c_p, closure.following
+    numbers, numbers_by_p = slip_numbers(closure, weak, density[0])
+    t, t_by_s, t_by_p = tangential_force(s1, s2, numbers, numbers_by_p)
     if not closure.frictional:
         t = (2.0 * s1 - guess[0] - normal[0], 2.0 * s2 - guess[1] - normal[1])
     carried, _, _, margin = carried_force(s1, s2, guess[0], guess[1], t[0], t[1])
@@ -166,19 +186,25 @@ def network_of(state, stress_ratio, y, guess, origin, p0, normal, c_n, closure, 
         # the frame of X_1: (e1, e2) along it
         e1, e2 = choose(size > 0.0, x1 * inverse, 1.0), x2 * inverse
         q1, q2 = origin[1] * e1 + origin[2] * e2, origin[2] * e1 - origin[1] * e2
-        spread = spread_of(x0, size, irreversible, c_e, c_p)
-        number, m_x, m_s, m_g = moments_along(x0, size, spread, p0, gain, cosines)
+        reach = stretch * size
+        spread = spread_of(shift, reach, stretch * irreversible, c_e, c_p)
+        number, m_x, m_d, m_s = moments_along(shift, reach, spread, density, gain, following, cosines)
         n0, n1, n2 = with_initial_fabric(number, q1, q2)
         a1, a2 = 2.0 * n1 / n0, 2.0 * n2 / n0
         by_spread = with_initial_fabric(m_s, q1, q2)
         inverse_s = 1.0 / choose(spread > 0.0, spread, 1e300)
-        radial = c_e * c_e * size * inverse_s
+        radial = c_e * c_e * stretch * reach * inverse_s
+        outward = (m_x[1] + q1 * m_x[2], m_x[2] + q1 * m_x[3], q2 * (m_x[1] - m_x[3]))
         along = (
-            m_x[1] + q1 * m_x[2] + by_spread[0] * radial,
-            m_x[2] + q1 * m_x[3] + by_spread[1] * radial,
-            q2 * (m_x[1] - m_x[3]) + by_spread[2] * radial,
+            stretch * outward[0] + by_spread[0] * radial,
+            stretch * outward[1] + by_spread[1] * radial,
+            stretch * outward[2] + by_spread[2] * radial,
         )
-        across = (q2 * (m_x[0] - m_x[2]), q2 * (m_x[1] - m_x[3]), m_x[0] - m_x[2] + q1 * (m_x[1] - m_x[3]))
+        across = (
+            stretch * (q2 * (m_x[0] - m_x[2])),
+            stretch * (q2 * (m_x[1] - m_x[3])),
+            stretch * (m_x[0] - m_x[2] + q1 * (m_x[1] - m_x[3])),
+        )
         m11, m21 = fabric_change(along, n0, a1, a2)
         m12, m22 = fabric_change(across, n0, a1, a2)
         # everything that the force fabric needs in this frame
@@ -210,23 +236,26 @@ def network_of(state, stress_ratio, y, guess, origin, p0, normal, c_n, closure, 
         x1 = choose(going, x1 - (step1 * e1 - step2 * e2), x1)
         x2 = choose(going, x2 - (step1 * e2 + step2 * e1), x2)
     # derivatives by ln p, s (2), Y (2), S_i: direct ones of <N>, <N e>, of A at fixed a_c, then those through X_1
-    by_gain = with_initial_fabric(m_g, q1, q2)
-    by_x0 = with_initial_fabric((m_x[0], m_x[1], m_x[2]), q1, q2)
-    a_by_s, a_by_x0 = carried_force_by_stress(f1, f2, a1, a2, mu, margin, turned(t_by_s, e1, e2), turn(t_by_x0, e1, e2))
+    by_shift = with_initial_fabric(m_d, q1, q2)
+    a_by_s, a_by_p = carried_force_by_stress(f1, f2, a1, a2, mu, margin, turned(t_by_s, e1, e2), turn(t_by_p, e1, e2))
     if not closure.frictional:
-        a_by_s, a_by_x0 = (c_n, 0.0 * c_n, 0.0 * c_n, c_n), (0.0 * a1, 0.0 * a1)
-    spread_by_x0, spread_by_i = c_p * c_p * x0 * inverse_s, irreversible * inverse_s
+        a_by_s, a_by_p = (c_n, 0.0 * c_n, 0.0 * c_n, c_n), (0.0 * a1, 0.0 * a1)
+    # with ln p everything that is not isotropic is stretched by P^(1-a)
+    stretched = (c_e * reach) * (c_e * reach) + (stretch * irreversible) * (stretch * irreversible)
+    spread_by_p = (weak.growth * stretched + c_p * c_p * shift * weak.shift_by_p) * inverse_s
+    spread_by_i = stretch * stretch * irreversible * inverse_s
     solution = (i11, i12, i21, i22)
     fabric = (n0, a1, a2, m11, m12, m21, m22)
     through = (t11, t12, t21, t22)
     none = 0.0 * n0
     nothing = (none, none, none)
+    stretching = weak.growth * reach
     pressure = (
-        gain * by_gain[0] + x0_by_p * (by_x0[0] + by_spread[0] * spread_by_x0),
-        gain * by_gain[1] + x0_by_p * (by_x0[1] + by_spread[1] * spread_by_x0),
-        gain * by_gain[2] + x0_by_p * (by_x0[2] + by_spread[2] * spread_by_x0),
+        weak.shift_by_p * by_shift[0] + stretching * outward[0] + by_spread[0] * spread_by_p,
+        weak.shift_by_p * by_shift[1] + stretching * outward[1] + by_spread[1] * spread_by_p,
+        weak.shift_by_p * by_shift[2] + stretching * outward[2] + by_spread[2] * spread_by_p,
     )
-    forces = (a_by_x0[0] * x0_by_p, a_by_x0[1] * x0_by_p)
+    forces = (a_by_p[0], a_by_p[1])
     z_p, a1_p, a2_p = _change(pressure, forces, solution, fabric, through, chi, along, across)
     forces = (a_by_s[0], a_by_s[2])
     z_s1, a1_s1, a2_s1 = _change(nothing, forces, solution, fabric, through, chi, along, across)
@@ -303,30 +332,34 @@ def turned_pair(m, e1, e2):
 
 
 @formula
-def contacts_towards(origin, p0, c_e, c_p, state, c, t):
-    """N in the direction (c, t); `state` is X_0, X_1 (2), S_i, g."""
-    x0, x1, x2, irreversible, gain = state
-    s = spread_of(x0, math.sqrt(x1 * x1 + x2 * x2), irreversible, c_e, c_p)
-    value = logarithm(p0, gain, x0 + x1 * c + x2 * t, s)[0]
+def contacts_towards(origin, density, closure, state, c, t):
+    """N in the direction (c, t); `state` is D_0, D_1 (2), the irreversible part of S, g."""
+    shift, d1, d2, irreversible, gain = state
+    following = closure.following
+    s = spread_of(shift, math.sqrt(d1 * d1 + d2 * d2), irreversible, closure.c_e, closure.c_p)
+    rest, _, _, rest_above, _, _ = resting_part(following, density, shift, s)
+    towards = shift + (d1 * c + d2 * t) / following
+    lost, _, _, above, _, _ = lost_and_gained(density[0], density[1], towards, s)
+    value = logarithm(following * lost + rest, following * above + rest_above, gain)
     return (1.0 + origin[1] * c + origin[2] * t) * exponential(value)
 
 
 @formula
-def split_change(origin, p0, c_e, c_p, start, end, cosines, sines):
+def split_change(origin, density, closure, start, end, cosines, sines):
     """What an increment gained and lost (z, a_c1, a_c2 each), split by the sign of the change of N in each direction.
 
     With N the contacts and <N> their mean at the end, ``da_c = (2 <dN e> - a_c(start) <dN>)/<N>`` is exact and linear
     in dN, so that start + gained - lost = end. The sign makes a kink, which directions resolve slowly: the
     split, not the sum, is good to some 1e-5 of itself.
     """
-    share = 1.0 / cosines.shape[0]
+    weight = 1.0 / cosines.shape[0]
     zero = 0.0 * origin[0]
     g0, g1, g2, d0, d1, d2 = zero, zero, zero, zero, zero, zero
     before, before1, before2 = zero, zero, zero
     for i in range(cosines.shape[0]):
         c, t = cosines[i], sines[i]
-        n_start = contacts_towards(origin, p0, c_e, c_p, start, c, t)
-        change = contacts_towards(origin, p0, c_e, c_p, end, c, t) - n_start
+        n_start = contacts_towards(origin, density, closure, start, c, t)
+        change = contacts_towards(origin, density, closure, end, c, t) - n_start
         before += n_start
         before1 += n_start * c
         before2 += n_start * t
@@ -340,6 +373,6 @@ def split_change(origin, p0, c_e, c_p, start, end, cosines, sines):
     inverse, after = 1.0 / before, 1.0 / (before + d0)
     a1, a2 = 2.0 * before1 * inverse, 2.0 * before2 * inverse
     l0, l1, l2 = g0 - d0, g1 - d1, g2 - d2
-    z = origin[0] * share
+    z = origin[0] * weight
     gained = (z * g0, (2.0 * g1 - a1 * g0) * after, (2.0 * g2 - a2 * g0) * after)
     return gained, (z * l0, (2.0 * l1 - a1 * l0) * after, (2.0 * l2 - a2 * l0) * after)

@@ -6,13 +6,19 @@ so that the number of contacts at their limit grows with |s| and what they fail 
 
     a_t = s (c_t - k m^2/(m + L)),    m = |s|,    L = lambda max(X_0, 0)
 
-L delays slip where a growing pressure has moved weak contacts away from zero force. Past its maximum over m the
-magnitude stays: a_t is bounded by the friction of the contacts, ``c_t^2/(4 k)`` at constant pressure.
+L delays slip where a growing pressure has moved weak contacts away from zero force. Where the pressure falls, P = p/p_0
+below one, contacts that it has opened carry no tangential force and those that are left turn more freely, and the weak
+ones are fewer by P^(1-a) in units of their mean:
+
+    c_t exp(-kappa (Lambda_0 + Lambda_0^2/2)) for c_t,    k P^(1-a) for k,    Lambda_0 = P0 chi_p (1 - P)
+
+Past its maximum over m the magnitude stays: a_t is bounded by the friction of the contacts, ``c_t^2/(4 k)`` at constant
+pressure.
 """
 
 from granfabric.constitutive.compilation import formula
 from granfabric.constitutive.lanes.eight import choose, somewhere
-from granfabric.constitutive.lanes.elementary import larger
+from granfabric.constitutive.lanes.elementary import exponential, larger
 
 _ITERATIONS = 60
 
@@ -54,18 +60,41 @@ def tangential_magnitude(m, c_t, k, delay):
 
     Returns
     -------
-    value, by_m, by_delay : float
+    value, by_m, by_delay, by_c_t, by_k : float
         The value is monotone in m.
     """
     total = larger(m + delay, 1e-300)
     by_m = c_t - k * (m / total) * (m / total) * (2.0 * m + 3.0 * delay)
     past = by_m < 0.0
-    if c_t > 0.0 and somewhere(past):
+    if somewhere(past & (c_t > 0.0)):
         # at the maximum the derivative by m vanishes, so that the one by L is the direct one
-        m = choose(past, _largest(c_t, k, delay, past), m)
-        total = larger(m + delay, 1e-300)
-    elif c_t <= 0.0:
-        m = choose(past, 0.0, m)
-    share = m / total
+        m = choose(past & (c_t > 0.0), _largest(c_t, k, delay, past & (c_t > 0.0)), m)
+    m = choose(past & (c_t <= 0.0), 0.0, m)
+    total = larger(m + delay, 1e-300)
+    free = m / total
     by_m = choose(past, 0.0, by_m)
-    return c_t * m - k * m * m * share, by_m, k * m * share * share
+    slipped = m * m * free
+    return c_t * m - k * slipped, by_m, k * m * free * free, m, -slipped
+
+
+@formula
+def slip_numbers(closure, weak, p_zero):
+    """c_t, k and L at a pressure, and their derivatives by ln p.
+
+    Parameters
+    ----------
+    closure : closures.ShiftedDistribution
+    weak : WeakState
+    p_zero : float
+        P0; 0 if nothing is lost.
+    """
+    ratio = weak.ratio
+    rising = ratio > 1.0
+    lost = choose(rising, 0.0, p_zero * closure.chi_p * (1.0 - ratio))
+    c_t = closure.c_t * exponential(-closure.kappa * (lost + 0.5 * lost * lost))
+    c_t_by_p = choose(rising, 0.0, closure.kappa * (1.0 + lost) * p_zero * closure.chi_p * ratio * c_t)
+    k = closure.slip * choose(rising, 1.0, weak.stretch)
+    k_by_p = choose(rising, 0.0, weak.growth * k)
+    delay = closure.delay * choose(rising, weak.shift / ratio, 0.0)
+    delay_by_p = choose(rising, closure.delay * closure.chi_p / ratio, 0.0)
+    return (c_t, k, delay), (c_t_by_p, k_by_p, delay_by_p)

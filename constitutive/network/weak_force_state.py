@@ -1,7 +1,8 @@
 """The closure by shifted weak forces as part of the rate equations (see `shifted_distribution` for its own ones).
 
-Its unknowns are S_i and V = p Y = p (X_1 - chi A); z and a_c follow from them and the stress. S_i has no rate: it is a
-function of the largest |s| so far, and `raise_spread` moves it when a substep has been accepted.
+Its unknowns are S_i and V = p Y = p (X_1 - chi A); z and a_c follow from them and the stress. Neither has a rate: V is
+what the packing carried before anything was loaded, and S_i a function of the largest |s| so far, which `remember`
+moves when a substep has been accepted.
 """
 
 import math
@@ -9,6 +10,7 @@ from typing import NamedTuple
 
 from granfabric.constitutive.compilation import formula
 from granfabric.constitutive.lanes.eight import choose, read, write
+from granfabric.constitutive.lanes.elementary import larger, power
 from granfabric.constitutive.material_table import (
     M_A1,
     M_A2,
@@ -26,17 +28,44 @@ from granfabric.constitutive.material_table import (
     MICRO,
 )
 
-from .point import Network, load
+from .point import LARGEST_COORDINATION, Network, load
 from .shifted_distribution import network_of, split_change
 
 
+class WeakState(NamedTuple):
+    """What the pressure does to weak forces; see `shifted_distribution`."""
+
+    ratio: float
+    """P = p/p_0."""
+    stretch: float
+    """P^(1-a), by which D_1 is more than X_1."""
+    growth: float
+    """1 - a, its logarithmic derivative."""
+    shift: float
+    """D_0."""
+    shift_by_p: float
+    """Its derivative by ln p."""
+    gain: float
+    """g (f_0 and beta at the initial coordination number)."""
+
+
 @formula
-def shift_and_gain(closure, point, p):
-    """X_0 at pressure p, and the factor g of gain (f and beta at the initial coordination number)."""
-    x0 = closure.chi_p + (point.start_shift - closure.chi_p) * point.start_p / p
+def weak_state(closure, point, p):
+    """What the pressure p does to weak forces."""
+    # X_0 = chi_p (1 - p_0/p) at the start
+    reference = point.start_p * larger(1.0 - point.start_shift / closure.chi_p, 1e-9)
+    ratio = p / reference
     room = point.neighbours - point.origin_z
     room = choose(room > 0.0, room, 0.0)
-    return x0, room / point.origin_z * point.half_gap * (point.force_scale * p / point.origin_z)
+    growth = 1.0 - closure.gradient
+    return WeakState(
+        ratio,
+        power(ratio, growth),
+        growth,
+        closure.chi_p * (ratio - 1.0),
+        closure.chi_p * ratio,
+        room / point.origin_z * point.half_gap * (point.force_scale * reference / point.origin_z),
+    )
 
 
 @formula
@@ -78,6 +107,7 @@ def network_at(closure, point, stress, y, guess, known, here, rule):
     -------
     solved : bool
     network : Network
+        With more contacts than a particle has neighbours z is beyond what is admissible.
     partials : tuple
     """
     p, inverse, s1, s2, largest = stress
@@ -86,22 +116,26 @@ def network_at(closure, point, stress, y, guess, known, here, rule):
     solved, network, partials = zero == 0.0, here, (none, none, none, zero, zero, zero)
     if not known:
         spread, virgin = irreversible_spread(closure, y[0], largest, s1, s2)
-        x0, gain = shift_and_gain(closure, point, p)
+        weak = weak_state(closure, point, p)
         y1, y2 = y[1] * inverse, y[2] * inverse
         normal1 = point.start_n1 + point.c_n * (s1 - point.start_s1)
         normal2 = point.start_n2 + point.c_n * (s2 - point.start_s2)
         solved, (z, a1, a2, x1, x2), changes, (c1, c2, mu, t1, t2) = network_of(
-            (x0, closure.chi_p - x0, gain, spread),
+            weak,
+            spread,
             (s1, s2),
             (y1, y2),
             guess,
             (point.origin_z, point.origin_a1, point.origin_a2),
-            point.p_zero,
+            (point.p_zero, point.p_slope),
             (normal1, normal2),
             point.c_n,
             closure,
             rule[4],
         )
+        # contacts are neighbours; a gain in proportion to the shift does not know when it has used them up
+        many = z > larger(point.neighbours, 1.001 * point.origin_z)
+        z = choose(many, LARGEST_COORDINATION, z)
         network = Network(z, a1, a2, x1, x2, c1, c2, mu, t1, t2)
         partials = (changes[0], changes[1], changes[2], y1, y2, choose(virgin, 2.0 * closure.c_i, zero))
     return solved, network, partials
@@ -125,24 +159,18 @@ def network_change(closure, partials, stress, change, stress_change):
 
 @formula
 def rates(closure, point, stress, rate, network, guess, strain, with_derivatives, rule):
-    """Rates of S_i (none) and V; see `rates.rates` for arguments and results."""
+    """None of S_i and V; see `rates.rates` for arguments and results."""
     zero = 0.0 * rate[0]
     none = (zero, zero, zero)
-    factor = -closure.chi * rate[0]
     # V starts each stage from the fabric of the one before
-    next_guess = (network.a1, network.a2)
-    return zero == 0.0, zero != 0.0, (zero, factor * network.a1, factor * network.a2), none, none, next_guess, zero
+    return zero == 0.0, zero != 0.0, none, none, none, (network.a1, network.a2), zero
 
 
 @formula
 def rate_changes(closure, point, stress, rate, network, strain, partials, change, stress_change, rate_change, own):
-    """Changes of the rates of S_i and V; `change` is that of z and a_c."""
-    chi = closure.chi
-    return (
-        0.0 * rate[0],
-        -chi * (network.a1 * rate_change[0] + change[1] * rate[0]),
-        -chi * (network.a2 * rate_change[0] + change[2] * rate[0]),
-    )
+    """Changes of the rates of S_i and V: none."""
+    zero = 0.0 * rate[0]
+    return zero, zero, zero
 
 
 @formula
@@ -175,8 +203,8 @@ def remember(closure, y, accepted, largest, derivatives, rotation, lanes):
 @formula
 def leave(closure, inputs, ends, point, p, network, y, largest, lanes):
     """Shift and spread of the weak forces; with "frictional" a_n, a_t and f as functions of the state."""
-    x0, _ = shift_and_gain(closure, point, p)
-    write(ends, M_SHIFT, x0, lanes)
+    weak = weak_state(closure, point, p)
+    write(ends, M_SHIFT, weak.shift / weak.ratio, lanes)
     write(ends, M_SHIFT + 1, network.shift1, lanes)
     write(ends, M_SHIFT + 2, network.shift2, lanes)
     write(ends, M_SPREAD, read(y, 3, lanes), lanes)
@@ -200,19 +228,26 @@ def split(closure, inputs, ends, options, rule, lanes):
     gained or as lost by its sign, so that neither ever falls and start + gained - lost = end to rounding.
     """
     point = load(inputs, options, lanes)[0]
-    _, start_gain = shift_and_gain(closure, point, point.start_p)
-    p = -0.5 * (read(ends, MICRO, lanes) + read(ends, MICRO + 1, lanes))
-    x0, gain = shift_and_gain(closure, point, p)
+    weak = weak_state(closure, point, point.start_p)
     start = (
-        read(inputs, M_SHIFT, lanes), read(inputs, M_SHIFT + 1, lanes), read(inputs, M_SHIFT + 2, lanes),
-        read(inputs, M_SPREAD, lanes), start_gain,
+        weak.shift,
+        weak.stretch * read(inputs, M_SHIFT + 1, lanes),
+        weak.stretch * read(inputs, M_SHIFT + 2, lanes),
+        weak.stretch * read(inputs, M_SPREAD, lanes),
+        weak.gain,
     )
+    p = -0.5 * (read(ends, MICRO, lanes) + read(ends, MICRO + 1, lanes))
+    weak = weak_state(closure, point, p)
     end = (
-        x0, read(ends, M_SHIFT + 1, lanes), read(ends, M_SHIFT + 2, lanes),
-        read(ends, M_SPREAD, lanes), gain,
+        weak.shift,
+        weak.stretch * read(ends, M_SHIFT + 1, lanes),
+        weak.stretch * read(ends, M_SHIFT + 2, lanes),
+        weak.stretch * read(ends, M_SPREAD, lanes),
+        weak.gain,
     )
     origin = (point.origin_z, point.origin_a1, point.origin_a2)
-    gained, lost = split_change(origin, point.p_zero, closure.c_e, closure.c_p, start, end, rule[2], rule[3])
+    density = (point.p_zero, point.p_slope)
+    gained, lost = split_change(origin, density, closure, start, end, rule[2], rule[3])
     for i in range(3):
         rest = read(ends, M_Z + i, lanes) - read(inputs, M_Z + i, lanes) - (gained[i] - lost[i])
         more, less = choose(rest > 0.0, rest, 0.0), choose(rest < 0.0, -rest, 0.0)
@@ -226,10 +261,14 @@ class ShiftedDistribution(NamedTuple):
 
     frictional: bool
     chi: float
+    following: float
+    """phi: fraction of weak contacts that follow the mean change of their direction."""
     chi_p: float
+    gradient: float
     c_e: float
     c_p: float
     c_i: float
     c_t: float
+    kappa: float
     slip: float
     delay: float

@@ -1,15 +1,17 @@
 """The material table of the point law, measured on a packing.
 
-Everything comes from the packing itself or from probes that go no further than 5 % in p and q/p = 0.05:
+Everything comes from the packing itself, from probes that go no further than 5 % in p and q/p = 0.05, and from an
+isotropic unloading:
 
 ===============================================  ===============================================================
 the packing at rest                              coordination, solid_fraction, force_density_at_zero,
-                                                 gap_density_at_zero, neighbours
+                                                 force_density_slope, gap_density_at_zero, neighbours
 elastic probes of 0.2 % of p                     bulk_reduction, shear_reduction, weak_contact_ratio,
-                                                 weak_contact_ratio_isotropic, elastic_scatter,
+                                                 weak_contact_gradient, elastic_scatter,
                                                  elastic_scatter_isotropic, fluctuation, tangential_force_ratio,
                                                  slip_delay (with the friction coefficient)
 an isotropic unloading by 5 %                    isostatic_coordination
+one by 40 %                                      weak_contact_ratio_isotropic, tangential_force_loss
 loops to q/p = 0.05                              force_anisotropy_ratio, slip, irreversible_scatter
 ===============================================  ===============================================================
 
@@ -31,9 +33,9 @@ from granfabric.dem_ref.measures.contacts import (
     love_weber_stress,
     rattler_minimum,
 )
-from granfabric.dem_ref.measures.distribution import FORCE_WINDOW, edge_value_error, force_distribution
+from granfabric.dem_ref.measures.distribution import FORCE_WINDOW, edge_errors, force_distribution
 from granfabric.dem_ref.measures.tessellation import (
-    gap_density_error,
+    closing_gap_density,
     gap_distribution,
     radical_neighbours,
     solid_fraction_error,
@@ -42,17 +44,19 @@ from granfabric.dem_ref.measures.uncertainty import Measured, blocks_of, blocks_
 from granfabric.dem_ref.sample.disks import Sample, SampleError
 
 from .probes import ELASTIC_LIMITS, at_rest, elastic_moduli, elastic_probes, moduli_errors, shear_modulus, stress_probe
+from .unloading import measure_unloading
 from .weak_contacts import LOOP_STRESS_RATIO, measure_slip_with_errors, measure_weak_contacts, weak_contact_errors
 
 RATTLERS = ("included", "excluded")
 MATERIAL_KEYS = (
     "coordination", "solid_fraction", "normal_stiffness", "stiffness_ratio", "force_density_at_zero",
-    "gap_density_at_zero", "neighbours", "force_anisotropy_ratio", "bulk_reduction", "shear_reduction",
-    "isostatic_coordination",
+    "force_density_slope", "gap_density_at_zero", "neighbours", "force_anisotropy_ratio", "bulk_reduction",
+    "shear_reduction", "isostatic_coordination",
 )  # fmt: skip
 CLOSURE_KEYS = (
-    "weak_contact_ratio", "weak_contact_ratio_isotropic", "elastic_scatter", "elastic_scatter_isotropic",
-    "irreversible_scatter", "tangential_force_ratio", "slip", "slip_delay", "fluctuation",
+    "weak_contact_ratio", "weak_contact_ratio_isotropic", "weak_contact_gradient", "elastic_scatter",
+    "elastic_scatter_isotropic", "irreversible_scatter", "tangential_force_ratio", "tangential_force_loss", "slip",
+    "slip_delay", "fluctuation",
 )  # fmt: skip
 
 CLOSING_FORCE = 0.2
@@ -120,26 +124,33 @@ def measure_material_with_errors(
     weak_error = weak_contact_errors(sample, isotropic, shear)
     loop, loop_error = measure_slip_with_errors(sample, loop_stress_ratio)
     block = blocks_of_contacts(sample, contacts)
+    line = force_distribution(contacts).at_zero
+    line_errors = edge_errors(contacts.normal_force, block, FORCE_WINDOW)
+    density, slope = Measured(line.value, line_errors[0]), Measured(line.slope, line_errors[1])
+    tangential = Measured(weak.tangential_ratio, weak_error.tangential_ratio)
+    unloading = measure_unloading(sample, density, slope, tangential)
+    bearing = bearing_particles(sample.count, contacts, rattler_minimum(sample))
     return {
         "coordination": _coordination(sample, contacts, rattlers),
         "solid_fraction": Measured(sample.solid_fraction, solid_fraction_error(sample)),
         "normal_stiffness": Measured(sample.normal_stiffness, 0.0),
         "stiffness_ratio": Measured(sample.stiffness_ratio, 0.0),
-        "force_density_at_zero": Measured(
-            force_distribution(contacts).at_zero.value, edge_value_error(contacts.normal_force, block, FORCE_WINDOW)
-        ),
-        "gap_density_at_zero": Measured(gaps.mean_density, gap_density_error(sample, neighbours, window)),
+        "force_density_at_zero": density,
+        "force_density_slope": slope,
+        "gap_density_at_zero": closing_gap_density(sample, neighbours, window, bearing),
         "neighbours": Measured(gaps.neighbours, 0.0),
         "force_anisotropy_ratio": Measured(loop.force_anisotropy_ratio, loop_error.force_anisotropy_ratio),
         "bulk_reduction": Measured(moduli.bulk_reduction, bulk_error * moduli.bulk_reduction),
         "shear_reduction": Measured(moduli.shear_reduction, shear_error * moduli.shear_reduction),
         "isostatic_coordination": _isostatic(sample, moduli.shear, shear_error, rattlers),
         "weak_contact_ratio": Measured(weak.ratio, weak_error.ratio),
-        "weak_contact_ratio_isotropic": Measured(weak.ratio_isotropic, weak_error.ratio_isotropic),
+        "weak_contact_ratio_isotropic": unloading.ratio,
+        "weak_contact_gradient": Measured(weak.gradient, weak_error.gradient),
         "elastic_scatter": Measured(weak.scatter, weak_error.scatter),
         "elastic_scatter_isotropic": Measured(weak.scatter_isotropic, weak_error.scatter_isotropic),
         "irreversible_scatter": Measured(loop.irreversible_scatter, loop_error.irreversible_scatter),
-        "tangential_force_ratio": Measured(weak.tangential_ratio, weak_error.tangential_ratio),
+        "tangential_force_ratio": tangential,
+        "tangential_force_loss": unloading.tangential_loss,
         "slip": Measured(loop.slip, loop_error.slip),
         "slip_delay": _slip_delay(sample.friction, weak.tangential_response, weak_error.tangential_response),
         "fluctuation": Measured(weak.fluctuation, weak_error.fluctuation),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from granfabric.dem_ref.loading.legs import stress_invariants
 from granfabric.dem_ref.measures.contacts import Contacts, contacts_of, force_harmonics, love_weber_stress
+from granfabric.dem_ref.measures.distribution import FORCE_WINDOW
 from granfabric.dem_ref.measures.events import match_contacts
 from granfabric.dem_ref.measures.uncertainty import blocks_of_contacts, jackknife
 from granfabric.dem_ref.sample.disks import Sample
@@ -40,11 +41,11 @@ class WeakContacts:
     ----------
     ratio : float
         chi: their change over the mean change of their direction, in the limit of zero force; shear probes.
-    ratio_isotropic : float
-        chi_p: the same for isotropic probes.
+    gradient : float
+        a: slope of the same ratio with the force, for isotropic probes, over forces up to half of the mean.
     scatter, scatter_isotropic : float
         c_e, c_p: standard deviation about that, over the amplitude ``chi |w|`` of the shifted harmonic and over the
-        isotropic shift ``chi_p dp/p``.
+        isotropic shift of weak forces.
     fluctuation : float
         c_w: the standard deviation in shear over ``|dgamma| kn r/f``.
     tangential_ratio : float
@@ -54,7 +55,7 @@ class WeakContacts:
     """
 
     ratio: float
-    ratio_isotropic: float
+    gradient: float
     scatter: float
     scatter_isotropic: float
     fluctuation: float
@@ -91,10 +92,15 @@ def _response(before: Contacts, after: Contacts) -> _Response:
 
 
 def _isotropic_row(response: _Response) -> Array:
-    """chi_p and c_p."""
-    mean = np.full(len(response.normal), response.normal.mean())
-    ratio, scatter = _ratio_at_zero(response.normal, mean, response.force)
-    return np.array([ratio, scatter / abs(ratio * mean[0])])
+    """a and c_p."""
+    change = response.normal / response.normal.mean()
+    ratio, scatter = _ratio_at_zero(change, np.ones(len(change)), response.force)
+    window = response.force < FORCE_WINDOW
+    apart = response.force[window] - response.force[window].mean() if window.any() else np.zeros(1)
+    square = float(apart @ apart)
+    # a line needs forces that differ
+    gradient = float(apart @ change[window]) / square if square > 0.0 else float("nan")
+    return np.array([gradient, scatter / abs(ratio)])
 
 
 def _shear_row(response: _Response, strain_unit: float, stress_ratio: float) -> Array:

@@ -59,8 +59,8 @@ def edge_density(data: NDArray[np.float64], window: float) -> EdgeFit:
     return EdgeFit(float(value.mean()), float(slope.mean()), float(value.std() / root), float(slope.std() / root))
 
 
-def edge_value_error(data: NDArray[np.float64], block: NDArray[np.int64], window: float) -> float:
-    """Standard error of the value of `edge_density` of data over their mean, where neighbours go together.
+def edge_errors(data: NDArray[np.float64], block: NDArray[np.int64], window: float) -> tuple[float, float]:
+    """Standard errors of value and slope of `edge_density` of data over their mean, where neighbours go together.
 
     Parameters
     ----------
@@ -72,16 +72,19 @@ def edge_value_error(data: NDArray[np.float64], block: NDArray[np.int64], window
 
     Returns
     -------
-    float
+    value, slope : float
         From leaving out blocks, mean included; at least that of independent data with one more in the window.
     """
 
-    def without(number: int) -> float:
+    def without(number: int) -> list[float]:
         kept = data[block != number]
-        return edge_density(kept / kept.mean(), window).value
+        fit = edge_density(kept / kept.mean(), window)
+        return [fit.value, fit.slope]
 
     inside = np.count_nonzero(data < window * data.mean())
-    return float(np.fmax(jackknife(without), 2.0 / window * np.sqrt(inside + 1.0) / len(data)))
+    counted = np.sqrt(inside + 1.0) / len(data) * np.array([2.0 / window, np.sqrt(12.0) / window**2])
+    value, slope = np.fmax(jackknife(without), counted)
+    return float(value), float(slope)
 
 
 def histogram(data: NDArray[np.float64], edges: NDArray[np.float64]) -> Density:

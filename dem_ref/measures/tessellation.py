@@ -16,7 +16,7 @@ from granfabric.dem_ref.sample.disks import Sample, SampleError
 from granfabric.dem_ref.sample.neighbours import cell_heights
 
 from .distribution import Density, EdgeFit, edge_density, histogram
-from .uncertainty import blocks_of, jackknife
+from .uncertainty import Measured, blocks_of, jackknife
 
 GAP_WINDOW = 0.1
 
@@ -170,13 +170,23 @@ def gap_distribution(
     )
 
 
-def gap_density_error(sample: Sample, neighbours: RadicalNeighbours, window: float) -> float:
-    """Standard error of `GapDistribution.mean_density`: of blocks of the packing, or of a count of one gap more."""
+def closing_gap_density(
+    sample: Sample, neighbours: RadicalNeighbours, window: float, bearing: NDArray[np.bool_]
+) -> Measured:
+    """Density of gaps within a window between particles that bear forces, over all gaps, with its standard error.
+
+    A rattler lies near a neighbour wherever it happens to be, and is pushed away without a force by the first one that
+    closes in: its gaps gain no contact of the network. The error is that of blocks of the packing, or of a count of one
+    gap more.
+    """
     apart = neighbours.gap > 0.0
     small = neighbours.gap[apart] / sample.mean_diameter < window
+    small &= bearing[neighbours.first[apart]] & bearing[neighbours.second[apart]]
     block = blocks_of(sample.position, sample.cell)[neighbours.first[apart]]
-    counted = float(np.sqrt(np.count_nonzero(small) + 1.0)) / (window * max(len(small), 1))
-    return float(np.fmax(jackknife(lambda without: small[block != without].mean() / window), counted))
+    number = max(len(small), 1)
+    counted = float(np.sqrt(np.count_nonzero(small) + 1.0)) / (window * number)
+    error = float(np.fmax(jackknife(lambda without: small[block != without].mean() / window), counted))
+    return Measured(float(np.count_nonzero(small) / (window * number)), error)
 
 
 def solid_fraction_error(sample: Sample) -> float:

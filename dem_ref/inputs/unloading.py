@@ -1,0 +1,88 @@
+"""What an isotropic unloading takes from the network: inputs for paths on which the pressure falls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from granfabric.dem_ref.loading.legs import stress_invariants
+from granfabric.dem_ref.measures.contacts import love_weber_stress
+from granfabric.dem_ref.measures.uncertainty import Measured
+from granfabric.dem_ref.sample.disks import Sample
+
+from .probes import ELASTIC_LIMITS, elastic_probes, stress_probe
+from .weak_contacts import measure_weak_contacts, weak_contact_errors
+
+UNLOADED = 0.6
+"""Pressure to which it goes, over the initial one: far enough that the number of lost contacts is known to some 3 %."""
+
+NOTHING = Measured(float("nan"), float("nan"))
+
+
+@dataclass(frozen=True)
+class Unloading:
+    """What is measured.
+
+    Attributes
+    ----------
+    ratio : Measured
+        chi_p: shift of weak forces over the change of pressure, from the number of contacts that it loses.
+    tangential_loss : Measured
+        kappa: c_t falls as ``exp(-kappa (Lambda + Lambda^2/2))`` with what is lost, ``Lambda = P0 chi_p (1 - p/p_0)``.
+        NaN where nothing is lost, or no tangential forces are called up.
+    """
+
+    ratio: Measured
+    tangential_loss: Measured
+
+
+def shift_that_loses(fraction: float, p0: float, slope: float) -> float:
+    """Shift D below zero at which a line of forces P0 + P0' F has lost this fraction of all contacts.
+
+    ``fraction = 1 - exp(-Lambda - Lambda^2/2)``, ``Lambda = P0 D + P0' D^2/2``; NaN if the line does not hold as many.
+    """
+    if not (p0 > 0.0 and 0.0 <= fraction < 1.0):
+        return float("nan")
+    lost = float(np.sqrt(1.0 - 2.0 * np.log1p(-fraction)) - 1.0)
+    square = p0 * p0 + 2.0 * slope * lost
+    return 2.0 * lost / (p0 + float(np.sqrt(square))) if square > 0.0 else float("nan")
+
+
+def measure_unloading(sample: Sample, density: Measured, slope: Measured, tangential_ratio: Measured) -> Unloading:
+    """Unload an isotropic packing to `UNLOADED` of its pressure; it is not changed.
+
+    Parameters
+    ----------
+    sample : Sample
+        At rest.
+    density, slope : Measured
+        P0 and P0'.
+    tangential_ratio : Measured
+        c_t before the unloading.
+
+    Raises
+    ------
+    ProbeError
+        If it does not come to rest at the lower pressure.
+    """
+    p = stress_invariants(love_weber_stress(sample))[0]
+    probe = stress_probe(sample, (UNLOADED - 1.0) * p, 0.0, limits=ELASTIC_LIMITS)
+    lost, number = probe.change.lost, probe.before.count
+    fall = 1.0 - UNLOADED
+    ratio = shift_that_loses(lost / number, density.value, slope.value) / fall
+    counted = 1.0 / np.sqrt(max(lost, 1))
+    error = ratio * float(np.hypot(counted, density.error / density.value if density.value > 0.0 else np.nan))
+    isotropic, shear = elastic_probes(probe.sample)
+    after = measure_weak_contacts(probe.sample, isotropic, shear)
+    after_error = weak_contact_errors(probe.sample, isotropic, shear)
+    left = density.value * ratio * fall
+    exponent = left + 0.5 * left * left
+    before, present = tangential_ratio.value, after.tangential_ratio
+    if not (before > 0.0 and present > 0.0 and exponent > 0.0):
+        return Unloading(Measured(ratio, error), NOTHING)
+    kappa = float(np.log(before / present)) / exponent
+    of_ratios = float(np.hypot(tangential_ratio.error / before, after_error.tangential_ratio / present))
+    kappa_error = float(np.hypot(of_ratios / exponent, kappa * counted))
+    # a packing whose c_t grows by the scatter of so few contacts has no negative loss
+    return Unloading(Measured(ratio, error), Measured(max(kappa, 0.0), kappa_error))
