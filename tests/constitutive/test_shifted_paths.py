@@ -224,5 +224,5 @@ def test_bounds_are_refused_by_name():
         with pytest.raises(ParameterError, match=f"closure.{name} = {value} is not a number in"):
             replace(SHIFTED, **{name: value})
     for value in (-10.1, 10.1):
-        with pytest.raises(ParameterError, match="material.force_density_slope"):
+        with pytest.raises(ParameterError, match=r"material\.force_density_slope"):
             material(force_density_slope=value)
