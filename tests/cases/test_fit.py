@@ -392,7 +392,7 @@ def test_every_parameter_has_bounds_a_scale_and_words() -> None:
     ("free", "said"),
     [
         (["P"], "--free: the parameter 'P' is unknown"),
-        (["force_density"], "the nearest is 'force_density_at_zero'"),
+        (["force_density_at"], "the nearest is 'force_density_at_zero'"),
         (["closure.slipp"], "the nearest is 'slip'"),
         ([""], "--free: the parameter '' is unknown"),
         (["integration.tolerance"], "is unknown"),

@@ -282,7 +282,8 @@ def test_closure_that_a_material_file_names() -> None:
         assert tables["closure"].get("shear_stiffness") == expected
         assert tables["material"] == {**packing, "isostatic_coordination": isostatic}
     # files of before they were measured, and packings without friction, do not have these two
-    older = {name: value for name, value in numbers.items() if name not in ("weak_contact_gradient", "tangential_force_loss")}
+    newest = ("weak_contact_gradient", "tangential_force_loss")
+    older = {name: value for name, value in numbers.items() if name not in newest}
     tables = {"material": {**packing, "isostatic_coordination": 2.6}, "closure": older}
     assert closure_table(tables) == {"force_change": "shifted_distribution", "shear_stiffness": "isostatic", **older}
     closure = Closure(**closure_table(tables))

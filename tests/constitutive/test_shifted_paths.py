@@ -206,8 +206,8 @@ def test_half_as_much_force_is_half_as_far_from_zero():
     assert ends[0] == pytest.approx(ends[1], rel=1e-9)
 
 
-def test_contacts_that_do_not_follow_do_not_feel_the_direction():
-    """chi -> 0: z follows the pressure alone, whatever q/p, and no fabric grows; without phi it would."""
+def test_without_any_response_of_weak_contacts_the_direction_does_not_matter():
+    """chi = 0: z follows the pressure alone, whatever q/p, and no fabric grows."""
     closure = replace(CLOSURES["no_scatter"], weak_contact_ratio=0.0)
     legs = [Leg(target=(-0.72 * PRESSURE, -0.48 * PRESSURE, 0.0), increments=6)]
     history = drive(law(closure=closure), START, legs).columns
@@ -224,5 +224,5 @@ def test_bounds_are_refused_by_name():
         with pytest.raises(ParameterError, match=f"closure.{name} = {value} is not a number in"):
             replace(SHIFTED, **{name: value})
     for value in (-10.1, 10.1):
-        with pytest.raises(ParameterError, match="material.force_density_slope"):
+        with pytest.raises(ParameterError, match=r"material\.force_density_slope"):
             material(force_density_slope=value)

@@ -11,6 +11,7 @@ import reference_model
 from contact_law_cases import PRESSURE, Points, law, material
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import minimize_scalar, root
+from scipy.special import ndtr
 from scipy.stats import norm
 
 from granfabric.constitutive.effects import Effects
@@ -23,6 +24,7 @@ from granfabric.constitutive.path import Leg, drive
 
 ANGLES = 2 * np.pi * np.arange(256) / 256
 E = np.array([np.cos(ANGLES), np.sin(ANGLES)])
+NODE, WEIGHT = np.polynomial.legendre.leggauss(200)
 SHIFTED = Closure(force_change="shifted_distribution", tangential="frictional")
 
 
@@ -30,10 +32,9 @@ def line_below(p0, slope, x, s):
     """What a line of forces loses: numbers of forces F whose F + x + s g is below zero, by Gauss-Legendre."""
     end = -p0 / slope if slope < 0 else np.inf
     top = min(end, max(0.0, -np.min(x)) + 9.0 * s + 1e-12)
-    node, weight = np.polynomial.legendre.leggauss(200)
-    force = 0.5 * top * (node + 1.0)
-    below = norm.cdf(-(force[:, None] + np.atleast_1d(x)) / s)
-    return 0.5 * top * (weight * (p0 + slope * force)) @ below
+    force = 0.5 * top * (NODE + 1.0)
+    below = ndtr(-(force[:, None] + np.atleast_1d(x)) / s)
+    return 0.5 * top * (WEIGHT * (p0 + slope * force)) @ below
 
 
 def network(packing, closure, ratio, x1, spread, p, origin):
@@ -110,8 +111,10 @@ def integrate(packing, closure, stress, increment, control):
         return x1, spread, ratio, *network(packing, closure, ratio, x1, spread, p, origin)
 
     def derivative(_, sigma):
+        if control == "stress":
+            return increment
         _, _, _, z, a_c = resolve(sigma)
-        return increment if control == "stress" else reference_model.stiffness(packing, z, a_c) @ increment
+        return reference_model.stiffness(packing, z, a_c) @ increment
 
     sigma = solve_ivp(derivative, (0, 1), stress, method="DOP853", rtol=1e-9, atol=1e-4).y[:, -1]
     x1, spread, ratio, z, a_c = resolve(sigma)
@@ -153,8 +156,10 @@ def test_end_values(control, tangential_choice, fabric, start, change, slope):
     assert points.get(state, "fabric_anisotropy")[0] == pytest.approx(a_c, abs=1e-6)
     assert points.get(state, "force_spread")[0, 0] == pytest.approx(spread, rel=2e-6, abs=1e-6)
     assert points.get(state, "force_shift_anisotropy")[0] == pytest.approx(x1, abs=1e-6)
-    assert points.get(state, "normal_force_anisotropy")[0] == pytest.approx(a_n, abs=1e-6)
-    assert points.get(state, "tangential_force_anisotropy")[0] == pytest.approx(a_t, abs=1e-6)
+    # forces over their mean: what the stress is off counts over a pressure that may have fallen
+    allowed = 1e-6 * max(1.0, -2.0 * PRESSURE / (sigma[0] + sigma[1]))
+    assert points.get(state, "normal_force_anisotropy")[0] == pytest.approx(a_n, abs=allowed)
+    assert points.get(state, "tangential_force_anisotropy")[0] == pytest.approx(a_t, abs=allowed)
 
 
 def test_force_fabric_is_the_stress_of_two_harmonics():
