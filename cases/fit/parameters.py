@@ -27,7 +27,8 @@ ORDER = (
     "normal_stiffness", "shear_reduction", "bulk_reduction", "tangential_force_ratio", "peak_stress_ratio",
     "reference_plastic_strain", "slip", "irreversible_scatter", "gap_density_at_zero", "dilatancy",
     "constant_volume_stress_ratio", "weak_contact_ratio_isotropic", "elastic_scatter", "weak_contact_ratio",
-    "slip_delay", "elastic_scatter_isotropic", "isostatic_coordination", "hardening_exponent",
+    "slip_delay", "elastic_scatter_isotropic", "isostatic_coordination", "hardening_exponent", "force_density_slope",
+    "weak_contact_gradient", "tangential_force_loss",
 )  # fmt: skip
 """In which they are tried where nobody names them; others follow."""
 CONTACTS = ("coordination", "fabric_anisotropy")
@@ -38,15 +39,18 @@ SEEN_IN = {
     "initial_fabric_xx": ("fabric_anisotropy",),
     "initial_fabric_xy": ("fabric_anisotropy",),
     "force_density_at_zero": CONTACTS,
+    "force_density_slope": CONTACTS,
     "gap_density_at_zero": CONTACTS,
     "irreversible_scatter": CONTACTS,
     "elastic_scatter": CONTACTS,
     "elastic_scatter_isotropic": CONTACTS,
     "weak_contact_ratio": CONTACTS,
     "weak_contact_ratio_isotropic": CONTACTS,
+    "weak_contact_gradient": CONTACTS,
     "fluctuation": CONTACTS,
     "force_anisotropy_ratio": ("normal_force_anisotropy",),
     "tangential_force_ratio": FORCES,
+    "tangential_force_loss": FORCES,
     "slip": FORCES,
     "slip_delay": FORCES,
     "normal_stiffness": DEFORMATION,
@@ -65,6 +69,7 @@ TOLD_BY = {
     "normal_stiffness": "strains under prescribed stress",
     "stiffness_ratio": "strains under a change of pressure and of q, with bulk_reduction and shear_reduction held",
     "force_density_at_zero": "z and a_c while q/p grows",
+    "force_density_slope": "z and a_c where a tenth of the contacts and more are lost, beside those at small q/p",
     "gap_density_at_zero": "z and a_c while the pressure grows many times, at a stiffness kn/p that is not large",
     "neighbours": "nothing that gap_density_at_zero does not tell as well: 6 in the plane",
     "force_anisotropy_ratio": "a_n while q/p changes",
@@ -82,10 +87,12 @@ TOLD_BY = {
     "apparent_cohesion": "peaks of q/p at several pressures",
     "weak_contact_ratio": "z and a_c while q/p grows, with force_density_at_zero known",
     "weak_contact_ratio_isotropic": "z while the pressure falls at constant q/p",
+    "weak_contact_gradient": "a_c while q/p grows at a pressure that is not the initial one, beside a_c at that one",
     "elastic_scatter": "z on unloading of q/p against z on loading",
     "elastic_scatter_isotropic": "z while the pressure changes and comes back",
     "irreversible_scatter": "z that does not come back after a cycle of q/p",
     "tangential_force_ratio": "a_t while q/p is small",
+    "tangential_force_loss": "a_t while q/p grows at a pressure that has fallen, beside a_t at the initial one",
     "slip": "a_t while q/p grows to 0.3",
     "slip_delay": "a_t at constant lateral stress beside a_t at constant p",
     "fluctuation": 'z and a_c while q/p grows, with closure.force_change = "fluctuating"',
@@ -95,7 +102,8 @@ ANY = "curves that change when it does"
 
 SYMBOLS = {
     "z": "coordination", "z0": "coordination", "phi": "solid_fraction", "kn": "normal_stiffness",
-    "kt/kn": "stiffness_ratio", "P0": "force_density_at_zero", "P_xi0": "gap_density_at_zero",
+    "kt/kn": "stiffness_ratio", "P0": "force_density_at_zero", "P0'": "force_density_slope",
+    "P_xi0": "gap_density_at_zero", "kappa": "tangential_force_loss",
     "c_n": "force_anisotropy_ratio", "z_iso": "isostatic_coordination", "chi": "weak_contact_ratio",
     "chi_p": "weak_contact_ratio_isotropic", "c_e": "elastic_scatter", "c_p": "elastic_scatter_isotropic",
     "c_i": "irreversible_scatter", "c_t": "tangential_force_ratio", "M_peak": "peak_stress_ratio",
@@ -107,7 +115,9 @@ DEFAULTS = {
     **{name: float(getattr(Closure(), name)) for name in CLOSURE_NUMBERS},
 }
 
-ABOUT_ZERO = {"initial_fabric_xx": 0.1, "initial_fabric_xy": 0.1, "first_yield_stress_ratio": 0.1}
+ABOUT_ZERO = {
+    "initial_fabric_xx": 0.1, "initial_fabric_xy": 0.1, "first_yield_stress_ratio": 0.1, "force_density_slope": 0.2,
+}  # fmt: skip
 """A change that matters, of parameters that may be zero."""
 
 

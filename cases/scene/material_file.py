@@ -20,6 +20,8 @@ from .toml_text import to_toml
 LAW_TABLES = ("material", "closure")
 MEASURED = "measured"
 """Table of what was measured besides; not read back."""
+OPTIONAL = ("weak_contact_gradient", "tangential_force_loss")
+"""Numbers of a closure that measured inputs may lack: files of before they were measured, packings without friction."""
 
 
 def read_material(file: Path) -> dict[str, dict[str, Any]]:
@@ -98,7 +100,7 @@ def refusal(values: Mapping[str, float]) -> str:
 def closure_table(tables: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """Table [closure] with the choices that the measured numbers are for."""
     closure = tables.get("closure", {})
-    if not all(name in closure for name in CLOSURE_NUMBERS):
+    if not all(name in closure for name in CLOSURE_NUMBERS if name not in OPTIONAL):
         return closure
     # what these numbers were measured for, and what disks agree with; a scene may say otherwise
     closure = {"force_change": "shifted_distribution", **closure}

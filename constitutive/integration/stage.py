@@ -9,7 +9,7 @@ from granfabric.constitutive.contract import Status
 from granfabric.constitutive.lanes.eight import choose, read, write
 from granfabric.constitutive.mixed_control import rates_with_given
 from granfabric.constitutive.network.closures import network_at, network_change, rate_changes, rates
-from granfabric.constitutive.network.point import SMALLEST_COORDINATION
+from granfabric.constitutive.network.point import LARGEST_COORDINATION, SMALLEST_COORDINATION
 from granfabric.constitutive.sliding.flow import sliding_changes, sliding_rates
 from granfabric.constitutive.stiffness import stress_rate, stress_rate_change
 
@@ -106,7 +106,7 @@ def stage(
     outcome = choose(definite, outcome, _STIFFNESS_LOST)
     outcome = choose(solved, outcome, _NOT_CONVERGED)
     outcome = choose(pressure, outcome, _NO_PRESSURE)
-    admissible = (network.z > SMALLEST_COORDINATION) & (fabric < 4.0)
+    admissible = (network.z > SMALLEST_COORDINATION) & (network.z < LARGEST_COORDINATION) & (fabric < 4.0)
     outcome = choose(admissible, outcome, choose(solved, _NOT_ADMISSIBLE, outcome))
     usable = outcome <= _LIMITED
     # what has failed computes on with harmless numbers

@@ -6,7 +6,7 @@ from granfabric.constitutive.compilation import formula
 from granfabric.constitutive.contract import Status
 from granfabric.constitutive.lanes.eight import choose, read, write
 from granfabric.constitutive.network.closures import measures
-from granfabric.constitutive.network.point import SMALLEST_COORDINATION
+from granfabric.constitutive.network.point import LARGEST_COORDINATION, SMALLEST_COORDINATION
 from granfabric.constitutive.sliding.substep import kappa_error
 from granfabric.constitutive.stiffness import components, strain_invariants, stress_rate
 
@@ -124,7 +124,7 @@ def estimate_error(block, closure, error, tolerance, z, stiffness, options, floo
         measure = _raised(measure, kappa_error(slide, step, error, lanes) / tolerance)
     fine = worst <= _LIMITED
     if direct:
-        inside = (u0 > SMALLEST_COORDINATION) & (u1 * u1 + u2 * u2 < 4.0)
+        inside = (u0 > SMALLEST_COORDINATION) & (u0 < LARGEST_COORDINATION) & (u1 * u1 + u2 * u2 < 4.0)
         worst = choose(fine, choose(inside, worst, _NOT_ADMISSIBLE), worst)
     worst = choose(fine, choose(measure < math.inf, worst, _NOT_ADMISSIBLE), worst)
     write(block["measure"], 0, measure, lanes)

@@ -28,7 +28,7 @@ from granfabric.constitutive.material_table import (
     MICRO,
 )
 
-from .point import Network, load
+from .point import LARGEST_COORDINATION, Network, load
 from .shifted_distribution import network_of, split_change
 
 
@@ -107,6 +107,7 @@ def network_at(closure, point, stress, y, guess, known, here, rule):
     -------
     solved : bool
     network : Network
+        With more contacts than a particle has neighbours z is beyond what is admissible.
     partials : tuple
     """
     p, inverse, s1, s2, largest = stress
@@ -132,6 +133,9 @@ def network_at(closure, point, stress, y, guess, known, here, rule):
             closure,
             rule[4],
         )
+        # contacts are neighbours; a gain in proportion to the shift does not know when it has used them up
+        many = z > larger(point.neighbours, 1.001 * point.origin_z)
+        z = choose(many, LARGEST_COORDINATION, z)
         network = Network(z, a1, a2, x1, x2, c1, c2, mu, t1, t2)
         partials = (changes[0], changes[1], changes[2], y1, y2, choose(virgin, 2.0 * closure.c_i, zero))
     return solved, network, partials

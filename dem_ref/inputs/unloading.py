@@ -30,6 +30,7 @@ class Unloading:
         chi_p: shift of weak forces over the change of pressure, from the number of contacts that it loses.
     tangential_loss : Measured
         kappa: c_t falls as ``exp(-kappa (Lambda + Lambda^2/2))`` with what is lost, ``Lambda = P0 chi_p (1 - p/p_0)``.
+        NaN where nothing is lost, or no tangential forces are called up.
     """
 
     ratio: Measured
@@ -76,11 +77,12 @@ def measure_unloading(sample: Sample, density: Measured, slope: Measured, tangen
     after = measure_weak_contacts(probe.sample, isotropic, shear)
     after_error = weak_contact_errors(probe.sample, isotropic, shear)
     left = density.value * ratio * fall
-    with np.errstate(all="ignore"):
-        kappa = float(np.log(tangential_ratio.value / after.tangential_ratio) / (left + 0.5 * left * left))
-        of_ratios = np.hypot(
-            tangential_ratio.error / tangential_ratio.value, after_error.tangential_ratio / after.tangential_ratio
-        )
-        kappa_error = float(np.hypot(of_ratios / (left + 0.5 * left * left), kappa * counted))
+    exponent = left + 0.5 * left * left
+    before, present = tangential_ratio.value, after.tangential_ratio
+    if not (before > 0.0 and present > 0.0 and exponent > 0.0):
+        return Unloading(Measured(ratio, error), NOTHING)
+    kappa = float(np.log(before / present)) / exponent
+    of_ratios = float(np.hypot(tangential_ratio.error / before, after_error.tangential_ratio / present))
+    kappa_error = float(np.hypot(of_ratios / exponent, kappa * counted))
     # a packing whose c_t grows by the scatter of so few contacts has no negative loss
-    return Unloading(Measured(ratio, error), Measured(max(kappa, 0.0) if np.isfinite(kappa) else kappa, kappa_error))
+    return Unloading(Measured(ratio, error), Measured(max(kappa, 0.0), kappa_error))

@@ -93,13 +93,14 @@ def _response(before: Contacts, after: Contacts) -> _Response:
 
 def _isotropic_row(response: _Response) -> Array:
     """a and c_p."""
-    mean = np.full(len(response.normal), response.normal.mean())
-    ratio, scatter = _ratio_at_zero(response.normal, mean, response.force)
+    change = response.normal / response.normal.mean()
+    ratio, scatter = _ratio_at_zero(change, np.ones(len(change)), response.force)
     window = response.force < FORCE_WINDOW
-    if np.count_nonzero(window) < FEWEST_WEAK:
-        return np.array([np.nan, np.nan])
-    gradient = np.polyfit(response.force[window], response.normal[window] / mean[0], 1)[0]
-    return np.array([gradient, scatter / abs(ratio * mean[0])])
+    apart = response.force[window] - response.force[window].mean() if window.any() else np.zeros(1)
+    square = float(apart @ apart)
+    # a line needs forces that differ
+    gradient = float(apart @ change[window]) / square if square > 0.0 else float("nan")
+    return np.array([gradient, scatter / abs(ratio)])
 
 
 def _shear_row(response: _Response, strain_unit: float, stress_ratio: float) -> Array:

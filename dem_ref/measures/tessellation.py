@@ -186,7 +186,7 @@ def closing_gap_density(
     number = max(len(small), 1)
     counted = float(np.sqrt(np.count_nonzero(small) + 1.0)) / (window * number)
     error = float(np.fmax(jackknife(lambda without: small[block != without].mean() / window), counted))
-    return Measured(np.count_nonzero(small) / (window * number), error)
+    return Measured(float(np.count_nonzero(small) / (window * number)), error)
 
 
 def solid_fraction_error(sample: Sample) -> float:

@@ -24,12 +24,12 @@ from granfabric.cases.field import closed_forms, comparison, mesh_error_estimate
 from granfabric.cases.records import files
 from granfabric.cases.scene import catalogue, measured
 from granfabric.cases.scene.effects_choice import EffectSet
-from granfabric.cases.scene.material_file import material_text, refusal
+from granfabric.cases.scene.material_file import closure_table, material_text, refusal
 from granfabric.cases.scene.measured import Inputs, as_data
 from granfabric.cases.scene.schema_closed_form import ClosedForm, HoleInPlate
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.constitutive.effects import Effects
-from granfabric.constitutive.parameters import CLOSURE_NUMBERS
+from granfabric.constitutive.parameters import CLOSURE_NUMBERS, Closure, Material
 from granfabric.dem_ref.loading.path import Segment
 from granfabric.dem_ref.measures.uncertainty import Measured
 from granfabric.fem.discretisation.mesh_error import stress_error
@@ -281,6 +281,15 @@ def test_closure_that_a_material_file_names() -> None:
         assert tables["closure"]["force_change"] == "shifted_distribution"
         assert tables["closure"].get("shear_stiffness") == expected
         assert tables["material"] == {**packing, "isostatic_coordination": isostatic}
+    # files of before they were measured, and packings without friction, do not have these two
+    older = {name: value for name, value in numbers.items() if name not in ("weak_contact_gradient", "tangential_force_loss")}
+    tables = {"material": {**packing, "isostatic_coordination": 2.6}, "closure": older}
+    assert closure_table(tables) == {"force_change": "shifted_distribution", "shear_stiffness": "isostatic", **older}
+    closure = Closure(**closure_table(tables))
+    assert (closure.weak_contact_gradient, closure.tangential_force_loss) == (0.5, 1.5)
+    assert Material(**tables["material"]).force_density_slope == 0.0
+    for name in older:
+        assert "force_change" not in closure_table({**tables, "closure": {k: v for k, v in older.items() if k != name}})
     few = tomllib.loads(material_text({**packing, "slip": 1.0, "peak": 2.0}, "made up"))
     assert few["closure"] == {"slip": 1.0} and few["measured"] == {"peak": 2.0}
 

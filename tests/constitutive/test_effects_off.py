@@ -23,7 +23,7 @@ from granfabric.constitutive.parameters import Closure, Material
 ROOT = Path(__file__).resolve().parents[2]
 PACKING = Material(coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9, shear_reduction=0.69)
 OWN_PARAMETERS = {
-    "contact_loss": ("force_density_at_zero",),
+    "contact_loss": ("force_density_at_zero", "force_density_slope"),
     "contact_gain": ("gap_density_at_zero", "neighbours"),
     "sliding": (
         *("peak_stress_ratio", "first_yield_stress_ratio", "reference_plastic_strain", "dilatancy"),

@@ -12,10 +12,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from dem_samples import contact_list, triangular_lattice, two_disks
+from hypothesis import given
+from hypothesis import strategies as st
 from test_dem_sliding import MEASURED as INPUTS
 from test_dem_sliding import REFERENCE, history
 
-from granfabric.dem_ref.inputs import material, probes, weak_contacts
+from granfabric.dem_ref.inputs import material, probes, unloading, weak_contacts
 from granfabric.dem_ref.inputs.material import (
     isostatic_coordination,
     mean_overlap,
@@ -41,6 +43,7 @@ from granfabric.dem_ref.inputs.sliding import (
     plastic_part,
     sliding_errors,
 )
+from granfabric.dem_ref.inputs.unloading import Unloading, measure_unloading, shift_that_loses
 from granfabric.dem_ref.inputs.weak_contacts import (
     SlipLoop,
     WeakContacts,
@@ -64,10 +67,10 @@ from granfabric.dem_ref.measures.contacts import (
     sliding_fraction,
     unbalanced_force,
 )
-from granfabric.dem_ref.measures.distribution import edge_density, force_distribution
+from granfabric.dem_ref.measures.distribution import edge_density, edge_errors, force_distribution
 from granfabric.dem_ref.measures.events import directional_change, network_change
 from granfabric.dem_ref.measures.fields import contact_fields, particle_fields
-from granfabric.dem_ref.measures.tessellation import gap_distribution, radical_neighbours
+from granfabric.dem_ref.measures.tessellation import closing_gap_density, gap_distribution, radical_neighbours
 from granfabric.dem_ref.measures.uncertainty import Measured
 from granfabric.dem_ref.sample.disks import Sample, new_sample
 
@@ -152,13 +155,18 @@ def test_gaps_of_a_lattice_with_shrunken_disks(gapped):
     assert gap_distribution(gapped, pairs).window == 0.1
 
 
-def made_measurements(monkeypatch, moduli, moduli_error, weak, weak_error, loop, loop_error, isostatic) -> dict:
+UNLOADED = Unloading(ratio=Measured(0.5, 0.12), tangential_loss=Measured(1.7, 0.31))
+
+
+def made_measurements(
+    monkeypatch, moduli, moduli_error, weak, weak_error, loop, loop_error, isostatic, unloading=UNLOADED
+) -> dict:
     """Replace all that probes; what each was asked is kept, by name. Packings count as being at rest."""
     asked = {}
     for name, answer in (
         ("elastic_probes", (["isotropic"], ["shear"])), ("elastic_moduli", moduli), ("moduli_errors", moduli_error),
         ("measure_weak_contacts", weak), ("weak_contact_errors", weak_error),
-        ("measure_slip_with_errors", (loop, loop_error)), ("_isostatic", isostatic),
+        ("measure_slip_with_errors", (loop, loop_error)), ("_isostatic", isostatic), ("measure_unloading", unloading),
     ):  # fmt: skip
         def made(*arguments, name=name, answer=answer, **options):
             asked[name] = arguments
@@ -174,14 +182,34 @@ def made_measurements(monkeypatch, moduli, moduli_error, weak, weak_error, loop,
     return asked
 
 
-def test_measured_density_of_gaps_counts_what_a_fifth_of_the_mean_force_would_close(gapped, monkeypatch):
-    """The probes are made up: only the gaps are looked at."""
+@pytest.fixture(scope="module")
+def leaning() -> Sample:
+    """The lattice with one of the shrunken disks, and with seven that lean to the right: a gap on the left of each.
+
+    All but the shrunken one touch their five other neighbours and bear forces. What a disk goes to the right is a gap
+    beyond its overlap, to the first order.
+    """
+    full = triangular_lattice(12, 12, OVERLAP)
+    radius, position = full.radius.copy(), full.position.copy()
+    chosen = [row * 12 + column for row in (0, 3, 6, 9) for column in (1, 4)]
+    radius[chosen[0]] -= 1.1 * OVERLAP
+    position[chosen[1:], 0] += (1.0 + GAPS[:7]) * OVERLAP
+    return new_sample(position, radius, full.cell, normal_stiffness=2e9)
+
+
+def test_measured_density_of_gaps_counts_what_a_fifth_of_the_mean_force_would_close(gapped, leaning, monkeypatch):
+    """The probes are made up: only the gaps are looked at, those between disks that bear forces."""
     one = SimpleNamespace(bulk_reduction=1.0, shear_reduction=1.0, shear=1.0)
     weak, loop = WeakContacts(*7 * [1.0]), SlipLoop(*3 * [1.0])
     made_measurements(monkeypatch, one, (0.0, 0.0), weak, weak, loop, loop, Measured(3.0, 0.0))
     monkeypatch.setattr(material, "ISOTROPIC", 1.0)  # the holes do not lie alike in all directions
+    measured = measure_material(leaning)
+    overlap = mean_overlap(leaning)
+    # four gaps up to 0.19 of it, 0.21 beyond; of all there are seven, and six of the shrunken disk
+    assert 0.191 < 0.2 * overlap / OVERLAP < 0.209
+    assert measured["gap_density_at_zero"] == pytest.approx(4 / 13 / (0.2 * overlap / leaning.mean_diameter), rel=1e-9)
     measured = measure_material(gapped)
-    assert measured["gap_density_at_zero"] == pytest.approx(4 / 8 / (0.2 * OVERLAP / gapped.mean_diameter), rel=1e-9)
+    assert measured["gap_density_at_zero"] == 0.0, "disks that float in their holes"
     assert measured["neighbours"] == 6.0
     # 12 x 12 disks of six contacts, eight of them without
     contacts = 3 * 144 - 6 * 8
@@ -190,20 +218,21 @@ def test_measured_density_of_gaps_counts_what_a_fifth_of_the_mean_force_would_cl
     assert measured["solid_fraction"] == pytest.approx(np.pi * (gapped.radius**2).sum() / gapped.area)
     assert measured["normal_stiffness"] == 2e9 and measured["stiffness_ratio"] == 1.0
     # all forces are alike
-    assert measured["force_density_at_zero"] == 0.0
+    assert measured["force_density_at_zero"] == 0.0 and measured["force_density_slope"] == 0.0
 
 
 DISTINCT = {
     "bulk_reduction": 0.88, "shear_reduction": 0.69, "weak_contact_ratio": 0.75, "weak_contact_ratio_isotropic": 0.5,
     "elastic_scatter": 0.45, "elastic_scatter_isotropic": 0.35, "irreversible_scatter": 4.5, "fluctuation": 0.25,
     "tangential_force_ratio": 0.78, "slip": 1.1, "force_anisotropy_ratio": 1.15, "isostatic_coordination": 2.65,
+    "weak_contact_gradient": 0.42, "tangential_force_loss": 1.7,
 }  # fmt: skip
 DISTINCT_ERRORS = {
     "bulk_reduction": 0.02 * 0.88, "shear_reduction": 0.03 * 0.69, "weak_contact_ratio": 0.11,
     "weak_contact_ratio_isotropic": 0.12, "elastic_scatter": 0.13, "elastic_scatter_isotropic": 0.14,
     "irreversible_scatter": 0.21, "fluctuation": 0.15, "tangential_force_ratio": 0.16, "slip": 0.22,
     "force_anisotropy_ratio": 0.23, "isostatic_coordination": 0.24, "normal_stiffness": 0.0, "stiffness_ratio": 0.0,
-    "neighbours": 0.0,
+    "neighbours": 0.0, "weak_contact_gradient": 0.17, "tangential_force_loss": 0.31,
 }  # fmt: skip
 
 
@@ -215,11 +244,11 @@ def test_every_measured_number_goes_to_its_own_key(packing, monkeypatch):
     sample = packing.with_friction(0.3)
     moduli = SimpleNamespace(bulk_reduction=0.88, shear_reduction=0.69, shear=5e8, bulk=9e8)
     weak = WeakContacts(
-        ratio=0.75, ratio_isotropic=0.5, scatter=0.45, scatter_isotropic=0.35, fluctuation=0.25, tangential_ratio=0.78,
+        ratio=0.75, gradient=0.42, scatter=0.45, scatter_isotropic=0.35, fluctuation=0.25, tangential_ratio=0.78,
         tangential_response=0.6,
     )  # fmt: skip
     weak_error = WeakContacts(
-        ratio=0.11, ratio_isotropic=0.12, scatter=0.13, scatter_isotropic=0.14, fluctuation=0.15, tangential_ratio=0.16,
+        ratio=0.11, gradient=0.17, scatter=0.13, scatter_isotropic=0.14, fluctuation=0.15, tangential_ratio=0.16,
         tangential_response=0.06,
     )  # fmt: skip
     loop = SlipLoop(force_anisotropy_ratio=1.15, slip=1.1, irreversible_scatter=4.5)
@@ -237,6 +266,8 @@ def test_every_measured_number_goes_to_its_own_key(packing, monkeypatch):
     assert asked["_isostatic"][1:] == (5e8, 0.03, "included"), "the shear modulus, not the bulk modulus"
     for name in ("measure_weak_contacts", "weak_contact_errors"):
         assert asked[name][1:] == (["isotropic"], ["shear"])
+    density, slope = found["force_density_at_zero"], found["force_density_slope"]
+    assert asked["measure_unloading"][1:] == (density, slope, found["tangential_force_ratio"])
     assert asked["moduli_errors"] == (["isotropic"], ["shear"])
 
 
@@ -273,16 +304,23 @@ def test_errors_of_what_is_counted_are_those_of_blocks(packing, monkeypatch):
     assert excluded.error == pytest.approx(spread([count[bears & (disk != k)].mean() for k in range(16)]))
 
     force = contacts.normal_force
-    without = []
+    without, slopes = [], []
     for k in range(16):
         x = force[middle != k] / force[middle != k].mean()
         without.append(np.where(x < 0.5, 4 / 0.5 - 6 * x / 0.25, 0.0).mean())
-    counted = 2 / 0.5 * np.sqrt(np.count_nonzero(force < 0.5 * force.mean()) + 1) / len(force)
-    assert found["force_density_at_zero"].error == pytest.approx(max(spread(without), counted))
+        slopes.append(np.where(x < 0.5, 12 * x / 0.125 - 6 / 0.25, 0.0).mean())
+    counted = np.sqrt(np.count_nonzero(force < 0.5 * force.mean()) + 1) / len(force)
+    assert found["force_density_at_zero"].error == pytest.approx(max(spread(without), 2 / 0.5 * counted))
+    # the weight of a force in the slope is at most 6/w^2 and 6/(sqrt 3 w^2) on average: sqrt 12/w^2
+    assert found["force_density_slope"].error == pytest.approx(max(spread(slopes), np.sqrt(12) / 0.25 * counted))
+    x = force / force.mean()
+    slope = np.where(x < 0.5, 12 * x / 0.125 - 6 / 0.25, 0.0).mean()
+    assert found["force_density_slope"].value == pytest.approx(slope)
 
     window = 0.2 * force_harmonics(contacts).mean / packing.normal_stiffness / packing.mean_diameter
     apart = pairs.gap > 0
     small = pairs.gap[apart] / packing.mean_diameter < window
+    small &= bears[pairs.first[apart]] & bears[pairs.second[apart]]
     own = disk[pairs.first[apart]]
     counted = np.sqrt(small.sum() + 1) / (window * apart.sum())
     expected = max(spread([small[own != k].mean() / window for k in range(16)]), counted)
@@ -439,6 +477,12 @@ def response_of(force):
     return fraction
 
 
+def line_through(force, fraction):
+    """Slope of the least-squares line through the responses below half of the mean force."""
+    x, y = force[force < 0.5], fraction[force < 0.5]
+    return np.cov(x, y)[0, 1] / np.var(x, ddof=1)
+
+
 def grid():
     """Directions, forces (mean 1) and both signs of scatter, every combination once."""
     theta = np.arange(40) * np.pi / 40
@@ -474,7 +518,7 @@ def weak_probe(unit, mean, vector, scatter, tangential=(0.0, 0.0), strain=(0.0, 
 
 
 def test_weak_contacts_of_made_up_probes():
-    """chi, chi_p, c_e, c_p, c_w, c_t and the tangential response are what was put in; two probes of each kind."""
+    """chi, a, c_e, c_p, c_w, c_t and the tangential response are what was put in; two probes of each kind."""
     sample = triangular_lattice(6, 6, 1e-4, stiffness=1e9)
     p = stress_invariants(love_weber_stress(sample))[0]
     unit = 37.0
@@ -491,7 +535,9 @@ def test_weak_contacts_of_made_up_probes():
                    (0.0, 0.0, -strains[1] / 2), (0.0, 0.0, -ratios[1] * p)),
     ]  # fmt: skip
     found = measure_weak_contacts(sample, isotropic, shear)
-    assert found.ratio == pytest.approx(CHI, rel=1e-9) and found.ratio_isotropic == pytest.approx(CHI, rel=1e-9)
+    assert found.ratio == pytest.approx(CHI, rel=1e-9)
+    _, force, _, fraction = grid()
+    assert found.gradient == pytest.approx(line_through(force, fraction), rel=1e-9) and found.gradient > 1.0
     assert found.scatter == pytest.approx(np.mean(scatters) / (CHI * 2e-3), rel=1e-9)
     assert found.scatter_isotropic == pytest.approx(np.mean(scatters_p) / (CHI * 2e-3), rel=1e-9)
     # over |dgamma| kn r/f
@@ -505,7 +551,7 @@ def test_weak_contacts_of_made_up_probes():
 
 
 def test_isotropic_and_shear_probes_are_not_exchanged():
-    """chi_p from other contacts than chi: the isotropic probes respond half as much."""
+    """a and c_p from other contacts than chi: weak ones respond half as much in the isotropic probes."""
     sample = triangular_lattice(6, 6, 1e-4, stiffness=1e9)
     shear = [weak_probe(1.0, 0.0, np.array([2e-3, 0.0]), 1e-4, (1e-3, 1e-3), (1e-6, -1e-6, 0), (-2e2, 2e2, 0))]
     probe = weak_probe(1.0, 2e-3, (0.0, 0.0), 1e-4)
@@ -520,7 +566,8 @@ def test_isotropic_and_shear_probes_are_not_exchanged():
     halved = replace(probe, after=replace(probe.after, normal_force=after))
     found = measure_weak_contacts(sample, [halved], shear)
     assert found.ratio == pytest.approx(CHI, rel=1e-9)
-    assert found.ratio_isotropic == pytest.approx(0.5 * CHI, rel=1e-9)
+    halved_fraction = np.where(weak, 0.5, 1.0) * response_of(np.unique(force))[np.searchsorted(np.unique(force), force)]
+    assert found.gradient == pytest.approx(line_through(force, halved_fraction), rel=1e-9)
     assert found.scatter_isotropic == pytest.approx(0.5e-4 / (0.5 * CHI * 2e-3), rel=1e-9)
     assert found.scatter == pytest.approx(1e-4 / (CHI * 2e-3), rel=1e-9)
 
@@ -592,9 +639,13 @@ def test_errors_of_weak_contacts_are_those_of_blocks(monkeypatch):
     quiet = 1e-5 * same
     value = measure_weak_contacts(sample, [isotropic(chi_p, quiet)], [shear(chi, quiet, a_t)])
     error = weak_contact_errors(sample, [isotropic(chi_p, quiet)], [shear(chi, quiet, a_t)])
-    assert (value.ratio, value.ratio_isotropic) == (pytest.approx(CHI), pytest.approx(CHI))
+    assert value.ratio == pytest.approx(CHI)
     assert error.ratio == pytest.approx(error_of_blocks(chi), rel=1e-6)
-    assert error.ratio_isotropic == pytest.approx(error_of_blocks(chi_p), rel=1e-6)
+    # the line below half of the mean force falls by as much as chi_p moves the weakest
+    _, force, _, fraction = grid()
+    assert value.gradient == pytest.approx(line_through(force, fraction), rel=1e-6)
+    tilt = abs(line_through(force, (force < 0.15).astype(float)))
+    assert error.gradient == pytest.approx(tilt * error_of_blocks(chi_p), rel=1e-6)
     assert value.tangential_ratio == pytest.approx(2e-3 / ratio, rel=1e-6)
     assert error.tangential_ratio == pytest.approx(error_of_blocks(a_t) / ratio, rel=1e-6)
 
@@ -608,7 +659,7 @@ def test_errors_of_weak_contacts_are_those_of_blocks(monkeypatch):
     assert error.fluctuation == pytest.approx(first_order / unit, rel=0.01)
     first_order = error_of_blocks(scatter_p**2) / (2 * np.sqrt(np.mean(scatter_p**2)))
     assert error.scatter_isotropic == pytest.approx(first_order / (CHI * 2e-3), rel=0.01)
-    assert error.ratio < 1e-9 and error.ratio_isotropic < 1e-9 and error.tangential_ratio < 1e-9
+    assert error.ratio < 1e-9 and error.gradient < 1e-9 and error.tangential_ratio < 1e-9
 
     # two probes of the same contacts: what one has more the other has less, and their mean is sure of it
     pair = [shear(chi, quiet, a_t), shear(2 * CHI - chi, quiet, a_t)]
@@ -625,15 +676,124 @@ def test_one_weak_contact_tells_nothing_and_two_do():
     theta = np.arange(40) * np.pi / 40
     e = np.column_stack([np.cos(2 * theta), np.sin(2 * theta)])
     for weak in (1, 2):
-        force = np.r_[np.full(weak, 0.05), np.full(40 - weak, 1.0)]
+        force = np.r_[0.05 + 0.01 * np.arange(weak), np.full(40 - weak, 1.0)]
         change, t = 1e-3 * e[:, 0], -1e-3 * e[:, 1]
         probe = made_probe(
             (2.0, -2.0, 0.0), (1e-6, -1e-6, 0.0), contact_list(theta, force), contact_list(theta, force + change, t)
         )
         found = measure_weak_contacts(sample, [probe], [probe])
-        told = [found.ratio, found.scatter, found.fluctuation, found.tangential_response, found.ratio_isotropic]
+        told = [found.ratio, found.scatter, found.fluctuation, found.tangential_response, found.gradient]
         assert np.isfinite(told).all() == (weak == 2) and np.isnan(told).all() == (weak == 1)
         assert np.isfinite(found.tangential_ratio)
+
+
+# what an unloading loses
+
+
+@pytest.mark.parametrize("slope", [-0.6, 0.0, 0.4])
+def test_slope_of_the_force_density_and_its_error(slope):
+    """Forces whose density is 0.7 + slope F up to the mean; of independent forces the error is that of their number."""
+    x = np.linspace(0.0, 1.0, 200_001)
+    below = np.interp(quantiles(lambda u: u, 60_000), 0.7 * x + 0.5 * slope * x * x, x)
+    # the rest far from the window, so that the mean is one
+    share = 0.7 + 0.5 * slope
+    inside = below[quantiles(lambda u: u, 60_000) < share]
+    force = np.r_[inside, np.full(60_000 - len(inside), (60_000 - inside.sum()) / (60_000 - len(inside)))]
+    found = edge_density(force / force.mean(), 0.5)
+    assert found.slope == pytest.approx(slope, abs=1e-3) and found.value == pytest.approx(0.7, abs=1e-3)
+    # sixteen times the same: what blocks do not tell, the number of forces does; sqrt(12)/w^2 a force
+    block = np.arange(len(force)) % 16
+    counted = np.sqrt(12.0) / 0.25 * np.sqrt(np.count_nonzero(force < 0.5) + 1) / len(force)
+    assert edge_errors(37.0 * force, block, 0.5)[1] == pytest.approx(counted, rel=0.35)
+    # blocks that are not alike: one has no weak forces
+    other = np.where(block == 3, 10.0, force)
+    without = [edge_density(o / o.mean(), 0.5).slope for o in (other[block != k] for k in range(16))]
+    expected = np.sqrt(15 / 16 * np.sum((without - np.mean(without)) ** 2))
+    counted = np.sqrt(12.0) / 0.25 * np.sqrt(np.count_nonzero(other < 0.5 * other.mean()) + 1) / len(other)
+    assert edge_errors(other, block, 0.5)[1] == pytest.approx(max(expected, counted), rel=1e-9)
+
+
+@given(p0=st.floats(0.05, 3.0), slope=st.floats(-5.0, 5.0), shift=st.floats(0.0, 2.0))
+def test_shift_that_loses_is_the_inverse_of_what_a_shift_loses(p0, slope, shift):
+    """Forward by quadrature of the line, up to where a falling one ends."""
+    shift = min(shift, -0.99 * p0 / slope) if slope < 0.0 else shift
+    node, weight = np.polynomial.legendre.leggauss(4)
+    lost = 0.5 * shift * weight @ (p0 + slope * 0.5 * shift * (node + 1.0))
+    fraction = 1.0 - np.exp(-lost - lost**2 / 2)
+    if fraction < 0.999:
+        assert shift_that_loses(fraction, p0, slope) == pytest.approx(shift, rel=1e-6, abs=1e-9)
+
+
+def test_a_line_that_does_not_hold_as_many_gives_no_shift():
+    # a triangle of 0.5^2/(2 0.5) = 0.25
+    all_of_it = 1.0 - np.exp(-0.25 - 0.25**2 / 2)
+    assert shift_that_loses(all_of_it - 1e-9, 0.5, -0.5) == pytest.approx(1.0, abs=1e-3)
+    for fraction, p0, slope in ((all_of_it + 1e-9, 0.5, -0.5), (1.0, 0.5, 0.0), (0.1, 0.0, 1.0), (-0.1, 0.5, 0.0)):
+        assert np.isnan(shift_that_loses(fraction, p0, slope))
+    assert shift_that_loses(0.0, 0.5, -0.5) == 0.0
+
+
+def test_an_unloading_of_a_packing_counts_what_it_loses(packing, monkeypatch):
+    """By 40 % of p: chi_p is the shift of the line that loses as many, kappa how much less a_t the rest calls up."""
+    p = stress_invariants(love_weber_stress(packing))[0]
+    unloaded = stress_probe(packing, -0.4 * p, 0.0)
+    asked = []
+
+    def unload(sample, dp, dq, **options):
+        asked.append((sample is packing, dp, dq))
+        return unloaded
+
+    one = WeakContacts(*7 * [1.0])
+    weak, weak_error = replace(one, tangential_ratio=0.6), replace(one, tangential_ratio=0.03)
+    probed = []
+    monkeypatch.setattr(unloading, "stress_probe", unload)
+    monkeypatch.setattr(unloading, "elastic_probes", lambda sample: (probed.append(sample) or "isotropic", "shear"))
+    monkeypatch.setattr(unloading, "measure_weak_contacts", lambda *asked: weak)
+    monkeypatch.setattr(unloading, "weak_contact_errors", lambda *asked: weak_error)
+    before, after = contacts_of(packing), contacts_of(unloaded.sample)
+    lost = len(set(before.key.tolist()) - set(after.key.tolist()))
+    assert 0.05 < lost / before.count < 0.3
+    for slope in (-0.3, 0.0, 0.3):
+        density, c_t = Measured(0.6, 0.04), Measured(0.75, 0.01)
+        found = measure_unloading(packing, density, Measured(slope, 0.1), c_t)
+        shift = 0.4 * found.ratio.value
+        line = 0.6 * shift + slope * shift**2 / 2
+        assert np.exp(-line - line**2 / 2) == pytest.approx(1 - lost / before.count, rel=1e-9)
+        assert found.ratio.error == pytest.approx(found.ratio.value * np.hypot(1 / np.sqrt(lost), 0.04 / 0.6))
+        left = 0.6 * shift
+        kappa = np.log(0.75 / 0.6) / (left + left**2 / 2)
+        assert found.tangential_loss.value == pytest.approx(kappa)
+        of_ratios = np.hypot(0.01 / 0.75, 0.03 / 0.6) / (left + left**2 / 2)
+        assert found.tangential_loss.error == pytest.approx(np.hypot(of_ratios, kappa / np.sqrt(lost)))
+    assert asked == 3 * [(True, pytest.approx(-0.4 * p), 0.0)] and probed == 3 * [unloaded.sample]
+    # c_t that has grown loses nothing, one that is not there tells nothing
+    assert measure_unloading(packing, density, Measured(0.0, 0.1), Measured(0.5, 0.01)).tangential_loss.value == 0.0
+    nothing = measure_unloading(packing, density, Measured(0.0, 0.1), Measured(0.0, 0.0)).tangential_loss
+    assert np.isnan(nothing.value) and np.isnan(nothing.error)
+    no_line = measure_unloading(packing, Measured(0.0, 0.1), Measured(0.0, 0.1), c_t)
+    assert np.isnan(no_line.ratio.value) and np.isnan(no_line.tangential_loss.value)
+
+
+def test_gaps_of_rattlers_do_not_close():
+    """One disk of a lattice floats in its hole, near all six neighbours; another pair is just apart."""
+    full = triangular_lattice(12, 12, OVERLAP)
+    radius = full.radius.copy()
+    floating, pair = 4 * 12 + 4, 8 * 12 + 4
+    radius[floating] -= 1.1 * OVERLAP
+    radius[pair] -= 1.1 * OVERLAP
+    sample = new_sample(full.position, radius, full.cell, normal_stiffness=2e9)
+    pairs, contacts = radical_neighbours(sample), contacts_of(sample)
+    bearing = bearing_particles(sample.count, contacts, 2)
+    assert not bearing[floating] and not bearing[pair] and np.count_nonzero(~bearing) == 2
+    window = OVERLAP
+    every = gap_distribution(sample, pairs, window).mean_density
+    assert every == pytest.approx(1.0 / window)
+    assert closing_gap_density(sample, pairs, window, bearing).value == 0.0
+    # of a disk that bears forces all six count
+    bearing[pair] = True
+    found = closing_gap_density(sample, pairs, window, bearing)
+    assert found.value == pytest.approx(6 / 12 / window)
+    assert found.error >= np.sqrt(7.0) / (window * 12)
 
 
 C_N, SLIP, C_I = 1.15, 1.3, 5.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granfabric.dem_ref.dynamics.packing import make_packing
 from granfabric.dem_ref.inputs.material import CLOSURE_KEYS, MATERIAL_KEYS, measure_material
 from granfabric.dem_ref.inputs.probes import (
     ELASTIC_LIMITS,
@@ -202,7 +201,7 @@ def test_moduli_are_below_uniform_strain_by_known_factors(large_packing):
     weak = measure_weak_contacts(large_packing, isotropic, shear)
     assert moduli.bulk_reduction == pytest.approx(0.89, abs=0.03)
     assert moduli.shear_reduction == pytest.approx(0.70, abs=0.03)
-    assert 0.5 < weak.ratio < 0.95 and 0.4 < weak.ratio_isotropic < 0.8
+    assert 0.5 < weak.ratio < 0.95 and 0.2 < weak.gradient < 0.8
     assert 0.3 < weak.scatter < 0.6 and 0.2 < weak.scatter_isotropic < 0.5
     # a_n + a_t = 2 s in an elastic probe, so that a_t is the lesser part for kt = kn
     assert 0.7 < weak.tangential_ratio < 0.85
@@ -291,19 +290,18 @@ def test_slip_grows_with_the_square_of_the_stress_ratio(large_packing):
 
 
 def gap_density(sample: Sample, fraction: float) -> float:
-    """Density of the gaps that an approach by this fraction of the mean overlap closes, over the mean diameter."""
-    pairs = radical_neighbours(sample)
+    """Density of the gaps that an approach by this fraction of the mean overlap closes, over the mean diameter.
+
+    Those between disks with two contacts or more, over all gaps; a disk loses what a disk without them was for it.
+    """
+    contacts, pairs = contacts_of(sample), radical_neighbours(sample)
+    held = bearing_particles(sample.count, contacts, 2)
     diameter = 2 * sample.radius.mean()
-    window = fraction * force_harmonics(contacts_of(sample)).mean / sample.normal_stiffness / diameter
-    return float(np.mean(pairs.gap[pairs.gap > 0] / diameter < window) / window)
-
-
-def test_gaps_are_counted_up_to_a_fifth_of_the_mean_overlap():
-    """On a packing whose count tells windows apart: three gaps up to a tenth and to a fifth, four up to two fifths."""
-    sample = make_packing(300, 1)
-    found = measure_material(sample)["gap_density_at_zero"]
-    assert found == pytest.approx(gap_density(sample, 0.2), rel=1e-9)
-    assert all(abs(found / gap_density(sample, fraction) - 1) > 0.2 for fraction in (0.1, 0.15, 0.25, 0.4))
+    window = fraction * force_harmonics(contacts).mean / sample.normal_stiffness / diameter
+    gap = pairs.gap / diameter
+    between = zip(gap, pairs.first, pairs.second)
+    counted = sum(0.0 < xi < window and held[i] and held[j] for xi, i, j in between)
+    return counted / int(np.sum(gap > 0.0)) / float(window)
 
 
 def test_material_table_has_what_the_packing_and_its_probes_say(packing):
