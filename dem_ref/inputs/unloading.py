@@ -11,7 +11,7 @@ from granfabric.dem_ref.measures.contacts import love_weber_stress
 from granfabric.dem_ref.measures.uncertainty import Measured
 from granfabric.dem_ref.sample.disks import Sample
 
-from .probes import ELASTIC_LIMITS, elastic_probes, stress_probe
+from .probes import elastic_probes, stress_probe
 from .weak_contacts import measure_weak_contacts, weak_contact_errors
 
 UNLOADED = 0.6
@@ -67,7 +67,7 @@ def measure_unloading(sample: Sample, density: Measured, slope: Measured, tangen
         If it does not come to rest at the lower pressure.
     """
     p = stress_invariants(love_weber_stress(sample))[0]
-    probe = stress_probe(sample, (UNLOADED - 1.0) * p, 0.0, limits=ELASTIC_LIMITS)
+    probe = stress_probe(sample, (UNLOADED - 1.0) * p, 0.0)
     lost, number = probe.change.lost, probe.before.count
     fall = 1.0 - UNLOADED
     ratio = shift_that_loses(lost / number, density.value, slope.value) / fall

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -37,6 +37,32 @@ def encoded(values: NDArray) -> bytes:
     press = zlib.compressobj(1, zlib.DEFLATED, 15, 9, zlib.Z_RLE)
     block = press.compress(raw.data.cast("B")) + press.flush()
     return np.array([1, raw.nbytes, 0, len(block)], dtype="<u8").tobytes() + block
+
+
+def _longer(block: bytes) -> bytes:
+    """The same array in a few bytes more: an empty block of the compressed stream before its end."""
+    raw = zlib.decompress(block[32:])
+    press = zlib.compressobj(1, zlib.DEFLATED, 15, 9, zlib.Z_RLE)
+    stream = press.compress(raw) + press.flush(zlib.Z_SYNC_FLUSH) + press.flush()
+    return np.array([1, len(raw), 0, len(stream)], dtype="<u8").tobytes() + stream
+
+
+def placed(blocks: Sequence[bytes]) -> list[bytes]:
+    """Blocks as meshio tells them apart.
+
+    It finds an array by its offset and writes another one there, its place among the uncompressed arrays in base64
+    (multiples of 4, 12 or more apart); an array that begins where an earlier one was put so is taken for that one.
+    """
+    chosen, offset, other, taken = [], 0, 0, set()
+    for block in blocks:
+        taken.add(other)
+        size = int(np.frombuffer(block, "<u8", 2)[1])
+        other += 4 * -(-(8 + size) // 3)
+        if offset + len(block) in taken and size:
+            block = _longer(block)
+        chosen.append(block)
+        offset += len(block)
+    return chosen
 
 
 class GridWriter:
@@ -82,7 +108,11 @@ class GridWriter:
         # threads of this call alone: a pool that is kept would be copied without its threads by a fork
         with ThreadPoolExecutor(numba.get_num_threads(), thread_name_prefix="granfabric-output") as pool:
             blocks = list(pool.map(encoded, fields.values()))
-        data = [(_described(name, values), block) for (name, values), block in zip(fields.items(), blocks)]
+        texts = [_described(name, values) for name, values in fields.items()]
+        mesh = [self._points, *self._cells]
+        blocks = placed([*blocks, *(block for _, block in mesh)])
+        arrays = list(zip([*texts, *(text for text, _ in mesh)], blocks))
+        n = len(texts)
         head = [
             '<?xml version="1.0"?>',
             '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64" '
@@ -91,9 +121,9 @@ class GridWriter:
             f'<Piece NumberOfPoints="{self._npoints}" NumberOfCells="{self._ncells}">',
         ]
         offset = 0
-        for section, arrays in (("PointData", data), ("Points", [self._points]), ("Cells", self._cells)):
+        for section, members in (("PointData", arrays[:n]), ("Points", arrays[n : n + 1]), ("Cells", arrays[n + 1 :])):
             head.append(f"<{section}>")
-            for text, block in arrays:
+            for text, block in members:
                 head.append(f'<DataArray {text} format="appended" offset="{offset}"/>')
                 offset += len(block)
             head.append(f"</{section}>")
@@ -101,7 +131,7 @@ class GridWriter:
         hidden = path.with_name(f".{path.name}")
         with hidden.open("wb") as file:
             file.write("\n".join(head).encode())
-            for _, block in [*data, self._points, *self._cells]:
+            for block in blocks:
                 file.write(block)
             file.write(b"\n</AppendedData>\n</VTKFile>\n")
         os.replace(hidden, path)

@@ -19,7 +19,7 @@ from granfabric.fem.discretisation.projection import Projection
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.loads.kinds import Displacement, Fixed, Stage
 from granfabric.fem.output.fields import FieldWriter, OutputError, padded_tensor, point_fields
-from granfabric.fem.output.vtu import GridWriter
+from granfabric.fem.output.vtu import GridWriter, encoded
 
 PRESS = [Fixed("bottom"), Displacement("top", "y", -0.01)]
 VTK_CELLS = {"P1": VTK_TRIANGLE, "P2": VTK_QUADRATIC_TRIANGLE, "Q1": VTK_QUAD, "Q2": VTK_BIQUADRATIC_QUAD}
@@ -198,3 +198,24 @@ def test_extra_fields_are_written_to_both_series(tmp_path):
     writer.write(steps[0], 1.0, {"height": space.points[:, 1]})
     np.testing.assert_allclose(array(read(tmp_path / "result_0001.vtu"), "height"), space.nodes[:, 1], atol=1e-11)
     np.testing.assert_array_equal(array(read(tmp_path / "points_0001.vtu"), "height"), space.points[:, 1])
+
+
+def test_arrays_are_read_wherever_they_begin(tmp_path):
+    """meshio takes an array for an earlier one if it begins where that one would be in base64, uncompressed."""
+    noise = np.random.default_rng(1)
+    rows = 64
+    place = 4 * -(-(8 + 8 * rows) // 3)  # there it puts the second array
+    writer = GridWriter(np.zeros((rows, 3)), "vertex", np.arange(rows).reshape(-1, 1))
+    met = 0
+    for repeat in range(300):
+        fields = {"zero": np.zeros(rows), "noise": noise.random(rows), "some": np.zeros(rows), "last": np.ones(rows)}
+        fields["some"][: 1 + repeat % 8] = noise.random(1 + repeat % 8)
+        if sum(len(encoded(fields[name])) for name in ("zero", "noise", "some")) != place:
+            continue
+        met += 1
+        writer.write(tmp_path / "a.vtu", fields)
+        grid, other = read(tmp_path / "a.vtu"), meshio.vtu.read(tmp_path / "a.vtu")
+        for name, values in fields.items():
+            np.testing.assert_array_equal(array(grid, name), values)
+            np.testing.assert_array_equal(other.point_data[name], values)
+    assert met
