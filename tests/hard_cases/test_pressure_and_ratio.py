@@ -106,6 +106,9 @@ def test_extension_to_zero_pressure(closure: Closure) -> None:
         assert trail.pressure[-1, 0] == pytest.approx(
             1e-6 * PRESSURE, rel=1e-2
         )  # the end magnifies errors a thousandfold
+    elif closure.force_change == "shifted_distribution" and closure.shear_stiffness == "uniform_strain":
+        # z stays above 2.99, so that 4.06/2.99 p0/K0 of volume is the most before no pressure is left
+        assert set(trail.status[-1]) == {Status.NO_PRESSURE}
     else:  # where contacts open faster than pressure falls, the network is gone before the pressure
         assert (trail.pressure[-1, 3] < 0.1 * PRESSURE) or (trail.status[-1, 3] > Status.LIMITED)
 
