@@ -6,7 +6,7 @@ zero is lost. With P = p/p_0, in units of f_0 throughout:
 
     D_0 = chi_p (P - 1),    D_1 = P X_1 / P^a,    X_1 = chi A + V/p,    A = a_n + a_c  (`force_fabric`)
     lambda(D) = P0 E[max(-D, 0)] + P0'/2 E[max(-D, 0)^2]      (a falling line ends where it is zero)
-    Lambda(theta) = phi lambda(D_0 + D_1.e/phi) + (1 - phi) lambda(D_0),      phi = min(chi, 1)
+    Lambda(theta) = phi lambda(D_0 + D_1.e/phi) + (1 - phi) lambda(D_0),      phi = chi, within [0.1, 1]
     N(theta) = (1 + a_c(0).e) exp(-Lambda - Lambda^2/2 + g E[max(D, 0)])
     z = z(0) <N>,    a_c = 2 <N e>/<N>,    g = beta P_xi0 f_0/(2 kn r) at z(0)
     S^2 = (c_e |D_1|)^2 + (c_p D_0)^2 + (P^(1-a) S_i)^2,      S_i = c_i max |s|^2,   expectations over S
