@@ -30,7 +30,7 @@ from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 from .dem import COMPILATION_SECONDS, doubts, resting
 
 LEAST_HELD = 0.5
-"""Share of the disks that bear forces in a packing; of very loose ones a quarter does not."""
+"""Fraction of the disks that bear forces in a packing; of very loose ones a quarter does not."""
 LEAST_SOLID = 0.6
 """Solid fraction below which disks that touch are a heap in an empty cell."""
 FEWEST = 50

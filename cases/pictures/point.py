@@ -139,9 +139,9 @@ def _decomposition(folder: Path, columns: Columns, scene: dict[str, Any]) -> Pat
             gained, lost = columns["fabric_gained"], -columns["fabric_lost"]
             net = columns["fabric_anisotropy"] - columns["fabric_anisotropy"][0]
             left.set_ylabel("change of fabric anisotropy $a_c$ [-]")
-        _fractions(left, x, gained, lost, net)
+        _contributions(left, x, gained, lost, net)
         z = columns["coordination"]
-        _fractions(right, x, columns["coordination_gained"], -columns["coordination_lost"], z - z[0])
+        _contributions(right, x, columns["coordination_gained"], -columns["coordination_lost"], z - z[0])
         right.set_ylabel("change of coordination number $z$ [-]")
         left.set(title="Fabric anisotropy", xlabel=label)
         right.set(title="Coordination number", xlabel=label)
@@ -150,7 +150,7 @@ def _decomposition(folder: Path, columns: Columns, scene: dict[str, Any]) -> Pat
     return path
 
 
-def _fractions(
+def _contributions(
     axes: Any, x: NDArray[np.float64], gained: NDArray[np.float64], lost: NDArray[np.float64], net: NDArray[np.float64]
 ) -> None:
     axes.axhline(0.0, color=BLACK, linewidth=0.8)

@@ -156,7 +156,7 @@ def _comparison(path: Path, study: Study) -> Path:
         rows = figure.subplots(2, len(SYMBOLS), sharex=True)
         for axes, (loading, text) in zip(rows, LOADINGS.items()):
             for one, (quantity, symbol) in zip(axes, SYMBOLS.items()):
-                _judged(one, x, study.dem[loading][quantity])
+                _dem_with_scatter(one, x, study.dem[loading][quantity])
                 for place, closure in enumerate(study.closures):
                     colour, style = line_of(place)
                     curve = study.model[loading][closure][quantity].mean(axis=0)
@@ -172,7 +172,7 @@ def _comparison(path: Path, study: Study) -> Path:
     return path
 
 
-def _judged(axes: Any, x: Array, values: Array) -> None:
+def _dem_with_scatter(axes: Any, x: Array, values: Array) -> None:
     mean, scatter = _mean(values)
     label = "DEM" if len(values) == 1 else f"DEM, {len(values)} packings $\\pm$ standard deviation"
     axes.plot(x[::3], mean[::3], "o", color=BLACK, markersize=3.5, label=label, zorder=3)

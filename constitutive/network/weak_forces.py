@@ -10,7 +10,7 @@ A density of forces that is the straight line P0 + P0' F above zero, and ends wh
     E[max(-g, 0)^2] = s^2 Phi(-u) - x E[max(-g, 0)]
 
 The derivative by x is -Phi(-u) and Phi(u), the derivative by s is phi(u) for both. With s = 0 these are max(-x, 0) and
-max(x, 0). What counts is the error of the share that is lost, hence the absolute one: 2e-16 of the spread.
+max(x, 0). What counts is the error of the fraction that is lost, hence the absolute one: 2e-16 of the spread.
 """
 
 from granfabric.constitutive.compilation import formula

@@ -12,7 +12,7 @@ strain and gamma_p the accumulated plastic shear strain:
                    A = W (t/q.t_r - M p_r) + M' (p + c),      (p_r, t_r) = C (D (M_cv - M), t/q)
 
 With m = 1 hardening is the hyperbola M = M_first + (M_peak - M_first) gamma_p/(gamma_r + gamma_p). Grains do not slide
-all at once: the share of contacts that slide grows in proportion to the stress ratio, and with it the plastic
+all at once: the fraction of contacts that slide grows in proportion to the stress ratio, and with it the plastic
 compliance. That is m = 2 and M_first = 0: gamma_p = gamma_r h^2/(1 - h). For m > 1 the modulus dM/dgamma_p is infinite
 at first; kappa, in which M is always a hyperbola, keeps the equations regular.
 

@@ -9,8 +9,8 @@ function of its length and f = q - M (p + c). The derivatives T of the end, at f
 
     T + Y' dt*,      dt* = -(grad f . T)/(grad f . Y'),
 
-and the substep that follows, which ends where it would have ended anyway, is shorter by dt* (a share of it, if it is
-taken back and shortened, by that share). This differentiates the discrete update itself, for any scheme; as substeps
+and the substep that follows, which ends where it would have ended anyway, is shorter by dt* (a fraction of it, if it is
+taken back and shortened, by that fraction). This differentiates the discrete update itself, for any scheme; as substeps
 shrink the two parts together tend to the jump (F- - F+) dt* of the rate equations. Y' comes from the substep done a
 second time with a change of its length in the first column of the derivatives; they are linear in it.
 """
@@ -27,7 +27,7 @@ _CROSSING_TOLERANCE = 1e-14
 """Distance at which a crossing is found. One more secant step than `CONE_TOLERANCE` takes; where the cone is so narrow
 that its width counts in that unit, the derivatives would notice."""
 _REVERSAL_STEP = 1e-6
-"""A substep in which sliding ends is halved down to this share of the increment; the rates are continuous there."""
+"""A substep in which sliding ends is halved down to this fraction of the increment; the rates are continuous there."""
 _UNKNOWNS = 6
 
 
@@ -50,7 +50,7 @@ def _distance(state, slide, lane):
 
 @formula
 def _along_the_chord(y, trial, slide, lane):
-    """Share of the straight line from the substep's start to its end at which it leaves the cone."""
+    """Fraction of the straight line from the substep's start to its end at which it leaves the cone."""
     p0, a1, a2 = y[0, lane], y[1, lane], y[2, lane]
     m = _strength(slide, lane)[0]
     pc, dp, d1, d2 = p0 + slide["cohesion"][0, lane], trial[0, lane] - p0, trial[1, lane] - a1, trial[2, lane] - a2

@@ -12,7 +12,7 @@ def begin_sliding(slide, step, lanes):
     """Before the first stage of a substep."""
     zero = 0.0 * step
     write(slide["turned_back"], 0, zero, lanes)
-    # a substep that begins later ends when planned; one that was shortened is a share of the planned one
+    # a substep that begins later ends when planned; one that was shortened is a fraction of the planned one
     planned = read(slide["planned_step"], 0, lanes)
     share = choose(planned > 0.0, step / choose(planned > 0.0, planned, 1.0), zero)
     for column in range(3):

@@ -246,5 +246,6 @@ def make_packing(
 def in_spatial_order(
     position: NDArray[np.float64], radius: NDArray[np.float64], cell: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Positions, shape (n, 2), and radii, shape (n,) [m], in an order in which neighbours lie near in memory."""
     order = spatial_order(position, cell, 1.2)
     return np.ascontiguousarray(position[order]), np.ascontiguousarray(radius[order])

@@ -18,17 +18,18 @@ AGREEMENT = 0.02
 WEAK = 1e-3
 """Force over its mean below which a contact may be missing in a list."""
 OVER_LIMIT = 0.01
-"""Share of the tangential forces beyond Coulomb's limit that damping and rounding explain; it is cut off."""
+"""Fraction of the tangential forces beyond Coulomb's limit that damping and rounding explain; it is cut off."""
 SAME_CELL = 1e-6
 """Largest difference between the cells of disks and of their contacts, over their size."""
 TURNED = 0.3
-"""An unbalanced force that falls to this share when all tangential forces change sign says that they are on the other
-disk."""
+"""An unbalanced force that falls to this fraction when all tangential forces change sign says that they are on the
+other disk."""
 SPOILT = 0.05
 """Unbalanced force, over the mean contact force, of a packing that coarse coordinates have spoilt."""
 
 
 def names_of(disks: RawDisks, first: int, second: int) -> str:
+    """Two disks by the identities and lines of their file, for a message."""
     return (
         f"{disks.identity[first]} (line {disks.line[first]}) and {disks.identity[second]} (line {disks.line[second]})"
     )
@@ -49,6 +50,13 @@ class Matched:
 
 
 def matched_contacts(disks: RawDisks, contacts: RawContacts, sample: Sample) -> Matched:
+    """Put the rows of a list beside the contacts that the disks have.
+
+    Raises
+    ------
+    SampleError
+        If the list cannot belong to the disks: another cell, unknown disks, a contact with itself or twice.
+    """
     origin = contacts.origin
     if not disks.numbered:
         raise SampleError(

@@ -1,4 +1,4 @@
-"""A field run says what its mesh errs by."""
+"""A field run says the estimated error of its mesh."""
 
 from __future__ import annotations
 

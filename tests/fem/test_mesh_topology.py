@@ -167,8 +167,8 @@ def test_a_strip_that_runs_over_itself():
     built((points, cells[:30], {}))
 
 
-def test_cells_that_fraction_a_corner_and_lie_over_each_other():
-    """They fraction nodes but no side."""
+def test_cells_that_share_a_corner_and_lie_over_each_other():
+    """They share nodes but no side."""
     points = np.array([[0, 0], [1, 0], [0, 1], [1, 0.2], [0.2, 1.0], [-1, 0.0]])
     refused((points, np.array([[0, 1, 2], [0, 3, 4]]), {}), "overlap")
 
