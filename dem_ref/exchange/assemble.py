@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from granfabric.dem_ref.arrays import SampleError, is_within
 from granfabric.dem_ref.measures.contacts import contacts_of, love_weber_stress, unbalanced_force
-from granfabric.dem_ref.sample.checks import misfit
+from granfabric.dem_ref.sample.checks import LARGEST_LENGTH, misfit
 from granfabric.dem_ref.sample.disks import LARGEST, SMALLEST, Sample, new_sample
 from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 
@@ -121,6 +121,8 @@ def _geometry(
             f"{origin}: the periodic cell is not told; give it as a line '# cell = WIDTH HEIGHT' (or both lattice "
             "vectors, '# cell = a_x a_y b_x b_y'), or as the option cell"
         )
+    if not np.abs(disks.cell).max() < LARGEST_LENGTH:
+        raise SampleError(f"{origin}: cell = {disks.cell.tolist()} is too large for its area to be a number")
     if not np.linalg.det(disks.cell) > 0.0:
         a, b = disks.cell.tolist()
         raise SampleError(

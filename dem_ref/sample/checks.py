@@ -13,6 +13,8 @@ from .neighbours import NearPairs, cell_heights, find_near_pairs
 
 LARGEST_SHAPE = 1e6
 """Largest ratio of lengths in a sample: cell to disk, place of a disk to cell."""
+SMALLEST_LENGTH, LARGEST_LENGTH = 1e-140, 1e140
+"""Lengths whose squares are numbers."""
 LARGEST_CROWD = 4.0
 """Area of the disks over that of the square that holds their centres: 0.9 at the densest, twice that at its rim."""
 
@@ -25,9 +27,11 @@ def misfit(position: NDArray[np.float64], radius: NDArray[np.float64], cell: NDA
     position, radius, cell : ndarray
         As in `sample.Sample`; finite, radii positive, the cell's rows right-handed.
     """
-    heights = cell_heights(cell)
     smallest, largest, long = float(radius.min()), float(radius.max()), float(np.abs(cell).max())
-    if not (smallest > 1e-140 and long < 1e140 and long < LARGEST_SHAPE * min(heights)):
+    if not (smallest > SMALLEST_LENGTH and long < LARGEST_LENGTH):  # before any is squared
+        return "its cell is too long and thin"
+    heights = cell_heights(cell)
+    if not long < LARGEST_SHAPE * min(heights):
         return "its cell is too long and thin"
     if not (largest < LARGEST_SHAPE * smallest and max(heights) < LARGEST_SHAPE * largest):
         return "its disks and its cell do not fit together"

@@ -421,3 +421,12 @@ def test_any_damage_gives_one_sentence_or_a_packing(
     else:
         assert np.isfinite(sample.position).all() and sample.radius.min() > 0.0
         assert np.isfinite(contacts_of(sample).tangential_force).all()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("length", [1e141, 1e200, 1e300])
+def test_a_cell_whose_size_cannot_be_squared_is_refused(tmp_path, length):
+    path = tmp_path / "far.csv"
+    path.write_text(f"# cell = {length:g} {length:g}\nx,y,r\n0.5,0.5,0.5\n1.5,0.5,0.5\n0.5,1.5,0.5\n")
+    with pytest.raises(SampleError, match=r"cell = .* is too large for its area to be a number"):
+        load_packing(path, **LAW)
