@@ -1,9 +1,9 @@
 """Packings: random disks, relaxed without friction to an isotropic stress, friction switched on afterwards.
 
-Recipe: disks at random in a cell at a solid fraction above random close packing; relaxed at fixed cell; relaxed to ten
-times the target pressure with the cell free in all three strains; pressure lowered in steps of 0.7 to the target, each
-step relaxed loosely, the last one tightly. Coming from above spares the long creep of a packing that is compressed
-through the onset of rigidity, and ends at the same coordination.
+Recipe: disks at random in a cell at a solid fraction above random close packing; relaxed at fixed cell; settled loosely
+under ten times the target pressure with the cell free in all three strains, with so much drag that nothing is shaken
+(less of it makes the packing denser); settled tightly under the target pressure, with little drag. Coming from above
+spares the long creep of a packing that is compressed through the onset of rigidity, and ends at the same coordination.
 """
 
 from __future__ import annotations
@@ -20,12 +20,15 @@ from granfabric.dem_ref.sample.disks import Sample, SampleError
 from granfabric.dem_ref.sample.neighbours import find_near_pairs, spatial_order
 
 from .relaxation import relax
+from .settling import settle
 
 INITIAL_SOLID_FRACTION = 0.86
 OVERPRESSURE = 10.0
-PRESSURE_FACTOR = 0.7
+DRAG_ABOVE = 0.01
+"""While the packing is under more than its pressure."""
 LOOSE_TOLERANCE = 1.0e-2
 TIGHT_TOLERANCE = 2.0e-5
+MOST_STEPS_ABOVE, MOST_STEPS = 5000, 400_000
 MOST_DISKS = 10_000_000
 DISTRIBUTIONS = ("uniform", "uniform_area", "bidisperse", "monodisperse", "lognormal", "given")
 LARGEST_RATIO = 5.0
@@ -216,21 +219,16 @@ def make_packing(
     position, radius = in_spatial_order(position, radius, cell)
     report("relaxing random disks", 0.0)
     relax(position, radius, cell, 0.0, tolerance=LOOSE_TOLERANCE, steps=2000, fixed_cell=True)
-    final = 1.0 / options.stiffness_to_pressure
-    pressure = OVERPRESSURE * final
-    stages = int(np.ceil(np.log(OVERPRESSURE) / -np.log(PRESSURE_FACTOR)))
-    for stage in range(stages + 1):
-        position, radius = in_spatial_order(position, radius, cell)
-        last = stage == stages
-        report("lowering the pressure" if not last else "relaxing at the target pressure", (stage + 1) / (stages + 2))
-        relaxed = relax(
-            position, radius, cell, final if last else pressure, tolerance=TIGHT_TOLERANCE if last else LOOSE_TOLERANCE,
-            steps=400_000 if last else 20_000,
-        )  # fmt: skip
-        pressure *= PRESSURE_FACTOR
-    if not relaxed.converged:
+    pressure = 1.0 / options.stiffness_to_pressure
+    position, radius = in_spatial_order(position, radius, cell)
+    report("settling above the pressure", 0.1)
+    settle(position, radius, cell, OVERPRESSURE * pressure, LOOSE_TOLERANCE, MOST_STEPS_ABOVE, DRAG_ABOVE)
+    position, radius = in_spatial_order(position, radius, cell)
+    report("settling at the target pressure", 0.2)
+    settled = settle(position, radius, cell, pressure, TIGHT_TOLERANCE, MOST_STEPS)
+    if not settled.converged:
         raise PackingError(
-            f"the packing of {count} disks, seed {seed}, is not at rest: unbalanced force {relaxed.unbalanced:.2g}"
+            f"the packing of {count} disks, seed {seed}, is not at rest: unbalanced force {settled.unbalanced:.2g}"
         )
     report("packed", 1.0)
     scale = mean_diameter_of(count, options)
