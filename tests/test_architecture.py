@@ -212,6 +212,7 @@ ENTERED = {
     },
     "granfabric.dem_ref.sample.neighbours": {"_fill_pairs", "_carry_over"},
     "granfabric.dem_ref.dynamics.relaxation": {"_relax"},
+    "granfabric.dem_ref.dynamics.settling": {"_settle"},
     "granfabric.dem_ref.dynamics.motion": {"refresh_contacts", "advance", "advance_two_threads", "write_back"},
 }
 """Compiled kernels that are called from Python, by the module that calls them and has checked what it hands over."""

@@ -29,6 +29,9 @@ since integration heats the fastest modes; twice or four times as much takes two
 CELL_MASS = 0.5
 """Of the cell, over that of all disks."""
 FIRST_SKIN, LEAST_SKIN, LARGEST_SKIN = 0.1, 0.02, 0.4
+HOT, HEATED, LARGEST_DRAG = 0.3, 2000, 0.1
+"""Unbalanced force above which, every so many steps, the drag is doubled: impacts of disks with six contacts each feed
+the fastest modes, so that equal disks in rows would never come to rest. Packings without order stay below."""
 STEPS = 200
 """Between two looks at whether the disks are at rest."""
 
@@ -183,6 +186,7 @@ def settle(
     wanted = np.array([pressure, pressure, 0.0])
     out = np.zeros(7)
     done, width, settled = 0, FIRST_SKIN, False
+    look = HEATED
     while done < steps and not settled:
         position -= np.floor(position @ np.linalg.inv(cell)) @ cell
         pairs = find_near_pairs(position, radius, cell, width)
@@ -196,6 +200,10 @@ def settle(
             room -= out[TRAVEL]
             calm = 0.0 < out[CONTACT_FORCE] and out[UNBALANCED] <= tolerance * out[CONTACT_FORCE]
             settled = calm and bool(np.abs(out[:3] - wanted).max() <= tolerance * pressure)
+        if done >= look:
+            look = done + HEATED
+            if out[UNBALANCED] > HOT * out[CONTACT_FORCE]:
+                drag = min(max(2.0 * drag, DRAG), max(drag, LARGEST_DRAG))
         lasted = done - started
         if lasted < 20:
             width = min(LARGEST_SKIN, 1.5 * width)
