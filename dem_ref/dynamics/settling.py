@@ -2,9 +2,9 @@
 
 A packing near the onset of rigidity comes to rest through a long sequence of rearrangements, each a slow fall along a
 valley that is soft in one direction and stiff in all others. Methods that stop the motion whenever it goes uphill
-(`relaxation`) lose the momentum along the valley at every collision elsewhere. Here inertia is kept, and a drag so small
-that hardly any mode is overdamped takes the energy out: from a loose start the same packings in a half to a quarter of
-the steps, the more so the larger they are (`docs/guide/packings.md`).
+(`relaxation`) lose the momentum along the valley at every collision elsewhere. Here inertia is kept, and a drag so
+small that hardly any mode is overdamped takes the energy out: from a loose start the same packings in a half to a
+quarter of the steps, the more so the larger they are (`docs/guide/packings.md`).
 
 Units: mean diameter, normal stiffness and particle mass are 1. The cell's three strain rates are velocities of their
 own, with the mass of half of all disks.
@@ -198,7 +198,7 @@ def settle(
                 code, force, pressure, room, step, drag, out,
             )  # fmt: skip
             room -= out[TRAVEL]
-            calm = 0.0 < out[CONTACT_FORCE] and out[UNBALANCED] <= tolerance * out[CONTACT_FORCE]
+            calm = out[CONTACT_FORCE] > 0.0 and out[UNBALANCED] <= tolerance * out[CONTACT_FORCE]
             settled = calm and bool(np.abs(out[:3] - wanted).max() <= tolerance * pressure)
         if done >= look:
             look = done + HEATED
