@@ -46,7 +46,7 @@ FLOORS: dict[str, tuple[str, ...]] = {
     ),
     "dem_ref": (
         *("arrays", "compilation", "sample", "threads", "dynamics", "measures", "loading", "inputs", "exchange"),
-        *("preparation", "ensemble"),
+        *("preparation", "specimen", "ensemble"),
     ),
     "cases": (
         *("errors", "terminal", "scene", "records", "field", "pictures", "effects", "fit", "verify", "cost"),
@@ -213,6 +213,7 @@ ENTERED = {
     "granfabric.dem_ref.sample.neighbours": {"_fill_pairs", "_carry_over"},
     "granfabric.dem_ref.dynamics.relaxation": {"_relax"},
     "granfabric.dem_ref.dynamics.settling": {"_settle"},
+    "granfabric.dem_ref.specimen.specimen": {"refresh_contacts", "bounded_steps", "write_back"},
     "granfabric.dem_ref.dynamics.motion": {"refresh_contacts", "advance", "advance_two_threads", "write_back"},
 }
 """Compiled kernels that are called from Python, by the module that calls them and has checked what it hands over."""
