@@ -244,8 +244,8 @@ class Specimen:
             bounded_steps(
                 steps - done, self._refresh, self._longest, count, first, second, branch, self._velocity,
                 self._force, self._none, sample.position, sample.radius, self._given, self._held, *self._wall,
-                self.platens, self._platen_velocity, self._target, self._gain, self._fastest, self._widening, self.reactions, kn,
-                kn * sample.stiffness_ratio, *self._friction, self.step, DAMPING,
+                self.platens, self._platen_velocity, self._target, self._gain, self._fastest, self._widening,
+                self.reactions, kn, kn * sample.stiffness_ratio, *self._friction, self.step, DAMPING,
                 self.tally, self.measures, self._taken,
             )  # fmt: skip
             write_back(pairs.tangential, source, branch, count)

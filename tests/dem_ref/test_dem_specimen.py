@@ -89,6 +89,7 @@ def test_what_is_worked_is_stored_or_heat(compressed):
     assert (np.diff(h["friction_heat"]) >= 0.0).all() and (np.diff(h["drag_heat"]) >= 0.0).all()
 
 
+@pytest.mark.slow
 def test_the_same_again_has_the_same_bits(compressed):
     again = Specimen(make_packing(300, 1), SpecimenOptions(inertial_number=1e-4))
     again.consolidate()
@@ -96,6 +97,7 @@ def test_the_same_again_has_the_same_bits(compressed):
     assert again.rows == compressed.rows
 
 
+@pytest.mark.slow
 def test_smooth_platens_carry_no_shear():
     specimen = Specimen(make_packing(200, 2), SpecimenOptions(platen_friction=0.0, inertial_number=3e-4))
     assert specimen.consolidate(), specimen.ending
@@ -104,6 +106,7 @@ def test_smooth_platens_carry_no_shear():
     assert not h["upper_shear"].any() and not h["lower_shear"].any()
 
 
+@pytest.mark.slow
 def test_the_weight_is_the_difference_of_the_platens():
     """At rest: lower minus upper force is the weight, and what the membranes press down or up."""
     packing = make_packing(200, 2)
