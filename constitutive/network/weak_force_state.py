@@ -28,7 +28,7 @@ from granfabric.constitutive.material_table import (
     MICRO,
 )
 
-from .point import LARGEST_COORDINATION, Network, load
+from .point import Network, load
 from .shifted_distribution import network_of, split_change
 
 
@@ -45,8 +45,15 @@ class WeakState(NamedTuple):
     """D_0."""
     shift_by_p: float
     """Its derivative by ln p."""
+    closing: float
+    """R: what gaps close by besides."""
+    closing_by_p: float
+    relative_shift: float
+    """X_0 = chi_p (1 - 1/P): the shift without any stretch, in units of the present mean force."""
     gain: float
-    """g (f_0 and beta at the initial coordination number)."""
+    """g."""
+    room: float
+    """beta at the initial coordination number: pairs that may close, over contacts; 0 without gain."""
 
 
 @formula
@@ -56,15 +63,26 @@ def weak_state(closure, point, p):
     reference = point.start_p * larger(1.0 - point.start_shift / closure.chi_p, 1e-9)
     ratio = p / reference
     room = point.neighbours - point.origin_z
-    room = choose(room > 0.0, room, 0.0)
+    room = choose(room > 0.0, room, 0.0) / point.origin_z
     growth = 1.0 - closure.gradient
+    stretch = power(ratio, growth)
+    plain = closure.chi_p * (ratio - 1.0)
+    rising = ratio > 1.0
+    # P^-a
+    narrowing = choose(rising, stretch / ratio, 1.0)
+    shift = plain * narrowing
+    shift_by_p = closure.chi_p * ratio * narrowing - choose(rising, closure.gradient, 0.0) * shift
     return WeakState(
         ratio,
-        power(ratio, growth),
+        stretch,
         growth,
-        closure.chi_p * (ratio - 1.0),
-        closure.chi_p * ratio,
-        room / point.origin_z * point.half_gap * (point.force_scale * reference / point.origin_z),
+        shift,
+        shift_by_p,
+        plain - shift,
+        closure.chi_p * ratio - shift_by_p,
+        plain / ratio,
+        choose(room > 0.0, point.half_gap * (point.force_scale * reference / point.origin_z), 0.0),
+        room,
     )
 
 
@@ -107,7 +125,6 @@ def network_at(closure, point, stress, y, guess, known, here, rule):
     -------
     solved : bool
     network : Network
-        With more contacts than a particle has neighbours z is beyond what is admissible.
     partials : tuple
     """
     p, inverse, s1, s2, largest = stress
@@ -133,9 +150,6 @@ def network_at(closure, point, stress, y, guess, known, here, rule):
             closure,
             rule[4],
         )
-        # contacts are neighbours; a gain in proportion to the shift does not know when it has used them up
-        many = z > larger(point.neighbours, 1.001 * point.origin_z)
-        z = choose(many, LARGEST_COORDINATION, z)
         network = Network(z, a1, a2, x1, x2, c1, c2, mu, t1, t2)
         partials = (changes[0], changes[1], changes[2], y1, y2, choose(virgin, 2.0 * closure.c_i, zero))
     return solved, network, partials
@@ -204,7 +218,7 @@ def remember(closure, y, accepted, largest, derivatives, rotation, lanes):
 def leave(closure, inputs, ends, point, p, network, y, largest, lanes):
     """Shift and spread of the weak forces; with "frictional" a_n, a_t and f as functions of the state."""
     weak = weak_state(closure, point, p)
-    write(ends, M_SHIFT, weak.shift / weak.ratio, lanes)
+    write(ends, M_SHIFT, weak.relative_shift, lanes)
     write(ends, M_SHIFT + 1, network.shift1, lanes)
     write(ends, M_SHIFT + 2, network.shift2, lanes)
     write(ends, M_SPREAD, read(y, 3, lanes), lanes)
@@ -234,7 +248,7 @@ def split(closure, inputs, ends, options, rule, lanes):
         weak.stretch * read(inputs, M_SHIFT + 1, lanes),
         weak.stretch * read(inputs, M_SHIFT + 2, lanes),
         weak.stretch * read(inputs, M_SPREAD, lanes),
-        weak.gain,
+        (weak.gain, weak.room, weak.closing),
     )
     p = -0.5 * (read(ends, MICRO, lanes) + read(ends, MICRO + 1, lanes))
     weak = weak_state(closure, point, p)
@@ -243,7 +257,7 @@ def split(closure, inputs, ends, options, rule, lanes):
         weak.stretch * read(ends, M_SHIFT + 1, lanes),
         weak.stretch * read(ends, M_SHIFT + 2, lanes),
         weak.stretch * read(ends, M_SPREAD, lanes),
-        weak.gain,
+        (weak.gain, weak.room, weak.closing),
     )
     origin = (point.origin_z, point.origin_a1, point.origin_a2)
     density = (point.p_zero, point.p_slope)
