@@ -107,7 +107,7 @@ def plastic_part(
     unit = measured["solid_fraction"] * kn / (4.0 * pi)
     isostatic = measured["isostatic_coordination"]
     softening = np.maximum((z - isostatic) / (z[0] - isostatic), SOFTEST)
-    shear_modulus = unit * (1.0 + ratio) * z_all[0] * measured["shear_reduction"] * softening
+    shear_modulus = unit * (1.0 + ratio) * z_all[0] * (z / z[0]) * measured["shear_reduction"] * softening
     bulk_modulus = 2.0 * unit * z_all * measured["bulk_reduction"]
     t = np.stack([-0.5 * (history["stress_xx"] - history["stress_yy"]), -history["stress_xy"]])
     last = t[:, int(np.argmax(np.hypot(*t)))]
