@@ -10,8 +10,8 @@ elastic probes of 0.2 % of p                     bulk_reduction, shear_reduction
                                                  weak_contact_gradient, elastic_scatter,
                                                  elastic_scatter_isotropic, fluctuation, tangential_force_ratio,
                                                  slip_delay (with the friction coefficient)
-an isotropic unloading by 40 %                   weak_contact_ratio_isotropic, tangential_force_loss,
-                                                 isostatic_coordination
+an isotropic unloading by 60 %                   weak_contact_ratio_isotropic, tangential_force_loss
+one by 80 %                                      isostatic_coordination
 loops to q/p = 0.05                              force_anisotropy_ratio, slip, irreversible_scatter
 ===============================================  ===============================================================
 

@@ -7,16 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from granfabric.dem_ref.loading.legs import stress_invariants
-from granfabric.dem_ref.measures.contacts import coordination_number, love_weber_stress
+from granfabric.dem_ref.measures.contacts import contacts_of, coordination_number, love_weber_stress
+from granfabric.dem_ref.measures.events import network_change
 from granfabric.dem_ref.measures.uncertainty import Measured
 from granfabric.dem_ref.sample.disks import Sample
 
-from .probes import Probe, elastic_moduli, elastic_probes, moduli_errors, stress_probe
+from .probes import ProbeError, elastic_moduli, elastic_probes, moduli_errors, stress_probe
 from .weak_contacts import measure_weak_contacts, weak_contact_errors
 
-UNLOADED = 0.6
-"""Pressure to which it goes, over the initial one: far enough that the number of lost contacts is known to some 3 %,
-and that the shear modulus, down to half, tells where it would vanish."""
+UNLOADED = 0.4
+"""Pressure at which lost contacts are counted, over the initial one: far enough that their number is known to some 3 %,
+and in the middle of the range for which it is wanted, because loss slows down as the pressure falls."""
+SOFTENED = 0.2
+"""Pressure at which the shear modulus is measured again: what is left of it, a sixth, tells where it vanishes."""
 
 NOTHING = Measured(float("nan"), float("nan"))
 
@@ -57,8 +60,8 @@ def isostatic_coordination(z: tuple[float, float], counted: float, shear: tuple[
     """Coordination number at which the shear modulus vanishes, from its values before and after an unloading.
 
     What the modulus is over its uniform-strain estimate, G/z up to a constant, falls on a straight line in z. Disks with
-    friction 0.5 and kt = kn stay within 0.02 of it between the initial pressure and a tenth of it, and the line ends at
-    z = 2.9 to 3.05 counted without rattlers, where theory has 3; counted with them that is 2.4 to 2.5.
+    friction 0.5 and kt = kn stay within 0.03 of it between the initial pressure and a tenth of it, and the line ends at
+    z = 3.0 to 3.1 counted without rattlers, where theory has 3; counted with them that is 2.4 to 2.5.
 
     Parameters
     ----------
@@ -85,10 +88,20 @@ def isostatic_coordination(z: tuple[float, float], counted: float, shear: tuple[
     return Measured(z0 - (z0 - z1) / softening, float(np.hypot(of_count, (z0 - z1) / softening**2 * of_moduli)))
 
 
-def shear_modulus_of(sample: Sample, isotropic: list[Probe], shear: list[Probe]) -> Measured:
-    """Shear modulus [Pa] from elastic probes of the sample, with its standard error."""
-    modulus = elastic_moduli(sample, isotropic, shear).shear
-    return Measured(modulus, moduli_errors(isotropic, shear)[1] * modulus)
+def _isostatic(sample: Sample, unloaded: Sample, p: float, before: Measured, rattlers: str) -> Measured:
+    """z_iso from a further unloading; `p` [Pa] is the pressure of the sample. NaN if it does not carry that."""
+    contacts = contacts_of(sample)
+    try:
+        softened = stress_probe(unloaded, (SOFTENED - UNLOADED) * p, 0.0).sample
+    except ProbeError:  # a few disks may fall apart; they do not tell
+        return NOTHING
+    isotropic, shear = elastic_probes(softened)
+    modulus = elastic_moduli(softened, isotropic, shear).shear
+    after = Measured(modulus, moduli_errors(isotropic, shear)[1] * modulus)
+    counting = "all_particles" if rattlers == "included" else "without_rattlers"
+    z0, z1 = (getattr(coordination_number(each), counting) for each in (sample, softened))
+    lost = network_change(contacts, contacts_of(softened), sample.count).lost
+    return isostatic_coordination((z0, z1), z0 * float(np.sqrt(lost)) / contacts.count, (before, after))
 
 
 def measure_unloading(
@@ -99,7 +112,7 @@ def measure_unloading(
     shear_modulus: Measured,
     rattlers: str = "included",
 ) -> Unloading:
-    """Unload an isotropic packing to `UNLOADED` of its pressure; it is not changed.
+    """Unload an isotropic packing to `UNLOADED` and on to `SOFTENED` of its pressure; it is not changed.
 
     Parameters
     ----------
@@ -125,15 +138,11 @@ def measure_unloading(
     counted = 1.0 / np.sqrt(max(lost, 1))
     error = ratio * float(np.hypot(counted, density.error / density.value if density.value > 0.0 else np.nan))
     isotropic, shear = elastic_probes(probe.sample)
-    counting = "all_particles" if rattlers == "included" else "without_rattlers"
-    z0, z1 = (getattr(coordination_number(each), counting) for each in (sample, probe.sample))
-    isostatic = isostatic_coordination(
-        (z0, z1), z0 * float(np.sqrt(lost)) / number, (shear_modulus, shear_modulus_of(probe.sample, isotropic, shear))
-    )
     after = measure_weak_contacts(probe.sample, isotropic, shear)
     after_error = weak_contact_errors(probe.sample, isotropic, shear)
     left = density.value * ratio * fall
     exponent = left + 0.5 * left * left
+    isostatic = _isostatic(sample, probe.sample, p, shear_modulus, rattlers)
     before, present = tangential_ratio.value, after.tangential_ratio
     if not (before > 0.0 and present > 0.0 and exponent > 0.0):
         return Unloading(Measured(ratio, error), NOTHING, isostatic)

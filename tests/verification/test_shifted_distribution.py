@@ -101,9 +101,12 @@ def integrate(packing, closure, stress, increment, control):
         p, s = invariants(sigma)
         ratio = p / p_start
         spread = closure.irreversible_scatter * (s @ s - s_start @ s_start)
+        # what a grown pressure holds has not slipped
+        delay = closure.slip_delay * closure.weak_contact_ratio_isotropic * max(0.0, 1.0 - 1.0 / ratio)
+        left = spread * np.hypot(*s) / (np.hypot(*s) + delay) if delay > 0 else spread
 
         def residual(x):
-            a_c = network(packing, closure, ratio, x, spread, p, origin)[1]
+            a_c = network(packing, closure, ratio, x, left, p, origin)[1]
             carried = force_anisotropies(packing, closure, s, a_c, ratio)[0] + a_c
             return x - chi * (carried - before / ratio)
 
@@ -111,7 +114,7 @@ def integrate(packing, closure, stress, increment, control):
         solution = root(residual, chi * (s - s_start) + 1e-6, tol=1e-13)
         assert np.abs(residual(solution.x)).max() < 1e-11
         x1 = solution.x
-        return x1, spread, ratio, *network(packing, closure, ratio, x1, spread, p, origin)
+        return x1, spread, ratio, *network(packing, closure, ratio, x1, left, p, origin)
 
     def derivative(_, sigma):
         if control == "stress":
