@@ -57,7 +57,7 @@ SLIDING_COLUMNS = ("plastic_shear_strain", "plastic_volumetric_strain", "plastic
 """Further columns of a law with sliding; volumetric strain tension positive, dissipation in Pa."""
 
 PORE_COLUMNS = ("pore_pressure", "effective_p", "effective_stress_xx", "effective_stress_yy")
-"""Further columns of a law with pore fluid, in Pa: u and p' compression positive. Stress, p and q are the total ones."""
+"""Further columns of a law with pore fluid, in Pa, u and p' compression positive; stress, p and q are total."""
 
 
 def _is_finite(value: object) -> bool:
@@ -83,6 +83,8 @@ class Leg:
     rotation_degrees : float, optional
         Instead of control and target: turn the principal axes of stress by this angle (counter-clockwise) at constant
         p and q, under stress control.
+    drained : bool
+        Pore water can leave: its pressure stays. Without pore fluid nothing else happens anyway.
     relative : bool
         The target counts from stress and strain at the start of the leg, not from zero, each controlled component from
         its own: zero keeps it as it is.
@@ -93,6 +95,7 @@ class Leg:
     increments: int = 1
     rotation_degrees: float | None = None
     relative: bool = False
+    drained: bool = False
 
     def __post_init__(self) -> None:
         if not is_integer(self.increments) or not 1 <= self.increments <= MOST_INCREMENTS:
@@ -109,6 +112,8 @@ class Leg:
             raise ParameterError(f"path.rotation_degrees = {self.rotation_degrees!r} is not finite")
         if not isinstance(self.relative, bool | np.bool_):
             raise ParameterError(f"path.relative = {self.relative!r} is not one of True, False")
+        if not isinstance(self.drained, bool | np.bool_):
+            raise ParameterError(f"path.drained = {self.drained!r} is not one of True, False")
         if self.relative and self.target is None:
             raise ParameterError("path.relative goes with a target; a rotation always turns from the start of its leg")
 
@@ -307,11 +312,12 @@ def drive(
 
     for number, leg in enumerate(legs):
         control, ends = _increments(leg, stress, strain)
+        going = law.drained() if leg.drained else law
         for end in ends:
             if stop is not None and stop():
                 return history(False, f"stopped after {done} of {total} increments")
             increment = end - np.where(control == 1, stress[0], strain[0])
-            report = law.update_mixed(
+            report = going.update_mixed(
                 control[None, :], increment[None, :], stress, now, stress_end, state_end, strain_increment
             )
             if report.failed:

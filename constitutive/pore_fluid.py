@@ -6,7 +6,7 @@ With ``u`` the pore pressure (compression positive), ``m = (1, 1, 0)`` and ``n``
 
 where the skeleton's law sees the effective stress ``sigma'`` alone [Terzaghi 1936]. That is the undrained limit of Biot
 with grains that are rigid beside the skeleton (Biot's coefficient is one, his modulus K_f/n). The tangent gains
-``(K_f/n) m m^T``. Stress in the arrays of the contract is the *total* one, which is in equilibrium with loads and weight.
+``(K_f/n) m m^T``. Stress in the arrays of the contract is the *total* one, in equilibrium with loads and weight.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ LIMITED, NOT_FINITE = int(Status.LIMITED), int(Status.NOT_FINITE)
 
 PORE_PRESSURE = Variable("pore_pressure", "pore pressure u, compression positive", "Pa", default=0.0)
 """State column of a law with pore fluid, its last."""
-STIFFNESS = Variable("fluid_stiffness", "bulk modulus of the fluid over the porosity K_f/n", "Pa", lower=0.0, upper=1e300)
+STIFFNESS = Variable("fluid_stiffness", "bulk modulus of the fluid over the porosity, K_f/n", "Pa", 1, 0.0, 1e300)
 
 
 def fluid_stiffness(material: Material) -> float:
     """K_f/n of a material [Pa]; 0 where no fluid is given. The porosity is ``1 - solid_fraction`` if it is not given.
 
-    The solid fraction is that of disks in the plane, whose pores are about half of those of spheres: a porosity measured
-    in space is given as `Material.porosity`.
+    The solid fraction is that of disks in the plane, whose pores are about half of those of spheres: a porosity
+    measured in space is given as `Material.porosity`.
 
     Raises
     ------
@@ -135,10 +135,10 @@ class PoreFluid:
     Parameters
     ----------
     stiffness : sequence of float
-        K_f/n of each row of the skeleton's parameter table [Pa]; zero where nothing fills the pores, or where it drains.
+        K_f/n of each row of the skeleton's parameter table [Pa]; zero where nothing fills the pores.
     """
 
-    def __init__(self, stiffness: Sequence[float]) -> None:
+    def __init__(self, stiffness: Sequence[float] | Array) -> None:
         self.stiffness = np.array(stiffness, dtype=np.float64)
 
     def drained(self) -> PoreFluid:

@@ -17,7 +17,7 @@ from granfabric.cases.effects.resolve import resolve_field
 from granfabric.cases.errors import InputError
 from granfabric.cases.field import comparison, initial_balance, mesh_error_estimate, mesh_table
 from granfabric.cases.field.prepare import prepare
-from granfabric.cases.records import files, resumption
+from granfabric.cases.records import files, pore_columns, resumption
 from granfabric.cases.records.field_history import FieldHistory
 from granfabric.cases.records.field_recorder import FieldRecorder
 from granfabric.cases.records.pulling import pulling_stress
@@ -30,6 +30,8 @@ from granfabric.cases.terminal.early_kernels import EarlyKernels
 from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.constitutive import warm_up as constitutive_warm_up
+from granfabric.constitutive.contract import LawDescription
+from granfabric.constitutive.pore_fluid import effective_stress
 from granfabric.fem import warm_up as fem_warm_up
 from granfabric.fem.equilibrium.checkpoint import Checkpoint, CheckpointError, CheckpointFolder
 from granfabric.fem.equilibrium.control import ControlError
@@ -171,7 +173,7 @@ def run_field(
                 raise record.broken_off(f"results cannot be written any more: {error}") from error
             except KeyboardInterrupt as error:
                 raise record.broken_off("interrupted within a step") from error
-        _finish(record, summary, stop.requested, balance)
+        _finish(record, summary, stop.requested, balance, problem.law.description)
         if summary.failed_point is not None and record.outcome == "failed":
             write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
         record.timing["compilation"] = watch.seconds + waited
@@ -242,23 +244,29 @@ def _compile(
     return kernels.wait(stop)
 
 
-def _finish(record: Record, summary: RunSummary, stopped: bool, balance: initial_balance.Balance) -> None:
+def _finish(
+    record: Record,
+    summary: RunSummary,
+    stopped: bool,
+    balance: initial_balance.Balance,
+    description: LawDescription,
+) -> None:
     record.outcome = "finished" if summary.finished else "stopped" if stopped else "failed"
     record.message = summary.message
     if record.outcome == "failed":
-        record.message += _failed_place(record, summary) + balance.reminder(summary.stage)
+        record.message += _failed_place(record, summary, description) + balance.reminder(summary.stage)
     record.details["counters"] = dict(summary.counters)
     record.details["linear_solver"] = summary.solver
     record.details["reached"] = {"stage": summary.stage, "fraction": summary.fraction}
     record.timing.update(summary.seconds)
 
 
-def _failed_place(record: Record, summary: RunSummary) -> str:
+def _failed_place(record: Record, summary: RunSummary, description: LawDescription) -> str:
     """Where the law could not be followed, how far the stress had come there, and what bounds it."""
     failed = summary.failed_point
     if failed is None:
         return ""
-    xx, yy, xy = failed.stress_start.tolist()
+    xx, yy, xy = effective_stress(failed.stress_start, failed.state_start, description).tolist()
     pressure, deviator = -0.5 * (xx + yy), float(np.hypot(0.5 * (xx - yy), xy))
     said = f" (point {failed.point} at ({failed.position[0]:.4g}, {failed.position[1]:.4g}) m"
     ratio = deviator / pressure if pressure > 0.0 else 0.0
@@ -274,7 +282,7 @@ def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: 
     axial = max(("strain_xx", "strain_yy", "strain_xy"), key=lambda name: float(np.abs(columns[name]).max()))
     rows = []
     for row in spread(len(history.rows), 8):
-        p, q = columns["p"][row], columns["q"][row]
+        p, q = columns["effective_p" if "effective_p" in columns else "p"][row], columns["q"][row]
         rows.append(
             [
                 str(columns["step"][row]),
@@ -308,6 +316,7 @@ def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: 
         screen.say(pulls)
         record.details["pulling"] = pulls
         record.write()
+    pore_columns.tell(columns, "pore_pressure_smallest", record, screen)
     if record.outcome != "finished":
         where = f"{record.outcome} in stage {summary.stage!r} at {summary.fraction:.0%}"
         screen.say(f"{where}: {record.message}", insist=True)

@@ -14,10 +14,12 @@ from granfabric.cases.scene.effects_choice import EffectSet, with_decided
 from granfabric.cases.scene.point_path import legs_of
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.constitutive.path import drive
+from granfabric.constitutive.pore_fluid import with_pressure
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.equilibrium.stepping import solve
 
 from .numbers import quantile
+from .probe import pore_pressure_of
 from .resolve import with_effects
 from .trial import QUANTITIES, Trial, differences
 
@@ -76,8 +78,10 @@ def run_field(loaded: LoadedScene, prepared: Prepared, chosen: EffectSet) -> Out
         return state[:, description.columns("coordination")][:, 0], fabric
 
     states = [network(problem.initial_state), *(network(step.state) for step in steps)]
+    pressure = pore_pressure_of(problem)
+    stresses = np.array([problem.initial_stress, *(step.stress for step in steps)])
     trial = Trial(
-        np.array([problem.initial_stress, *(step.stress for step in steps)]),
+        stresses if pressure is None else with_pressure(stresses, pressure),
         np.array([np.zeros((problem.space.npoints, 3)), *(step.strain for step in steps)]),
         np.array([coordination for coordination, _ in states]),
         np.array([fabric for _, fabric in states]),
@@ -93,7 +97,7 @@ def run_point(loaded: LoadedScene, chosen: EffectSet) -> Outcome:
     made = with_decided(loaded, chosen)
     law, legs = build.law(made, chosen.effects), legs_of(made.scene)
     since = time.process_time()
-    history = drive(law, made.scene.initial.stress, legs)
+    history = drive(law, made.scene.initial.stress, legs, pore_pressure=build.pore_pressure(made, law))
     seconds = time.process_time() - since
     columns = history.columns
     steps = len(columns["step"]) - 1
@@ -101,8 +105,9 @@ def run_point(loaded: LoadedScene, chosen: EffectSet) -> Outcome:
     def of(*names: str) -> Array:
         return np.stack([columns[name] for name in names], axis=1)[:, None, :]
 
+    datum = made.scene.initial.pore_pressure if law.effects.pore_fluid else 0.0
     trial = Trial(
-        of("stress_xx", "stress_yy", "stress_xy"),
+        with_pressure(of("stress_xx", "stress_yy", "stress_xy"), datum),
         of("strain_xx", "strain_yy", "strain_xy"),
         of("coordination")[..., 0],
         of("fabric_anisotropy_1", "fabric_anisotropy_2"),

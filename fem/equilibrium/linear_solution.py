@@ -70,9 +70,19 @@ class LinearSolution:
         self._internal = system.internal_force.copy()
         self._reference = np.zeros(problem.space.ndofs)
         self._done = 0
-        report = system.material.still_tangent("elastic")
+        self._ask_stiffness()
+
+    def _ask_stiffness(self) -> None:
+        report = self._system.material.still_tangent("elastic")
         if report.failed:
             raise LinearSolutionError(f"the initial state has no stiffness: {report.message}")
+
+    def _use_law(self, index: int) -> None:
+        """Draining changes the stiffness: once a stage, and only where the one before was different."""
+        law = self._problem.law_of(index)
+        if law is not self._system.material.law:
+            self._system.material.law = law
+            self._ask_stiffness()
 
     def next_stage(self) -> StageSolution:
         """Solve the next stage.
@@ -85,6 +95,7 @@ class LinearSolution:
         terms = problem.program.terms[index]
         with system.accounting.phase("setup"):
             system.constrain(terms.constrained)
+            self._use_law(index)
             start = stage_start(problem, index, self._displacement, self._internal, self._reference)
         self._reference = start.reference
         tangent = system.material.tangent_start

@@ -36,7 +36,6 @@ OWN_COLUMNS = {
     "contact_loss": ("coordination_lost", "fabric_lost"),
     "contact_gain": ("coordination_gained", "fabric_gained"),
     "irreversible_spread": ("force_spread",),
-    "pore_fluid": ("fluid_bulk_stiffness", "porosity"),
     "sliding": ("plastic_shear_strain",),
     "pore_fluid": ("pore_pressure",),
 }

@@ -209,7 +209,8 @@ def test_materials_with_other_fluids_and_without():
         assert np.array_equal(single[0][0], end[row])
         assert np.array_equal(single[1][0], state[row])
         assert np.array_equal(single[2][0], tangent[row])
-    assert pore_pressure(points, state) - 1e4 == pytest.approx([6e-6 * WATER / 0.154, 0.0, 6e-6 * 2.5e8, 6e-6 * WATER / 0.154])
+    rise = 6e-6 * WATER / 0.154
+    assert pore_pressure(points, state) - 1e4 == pytest.approx([rise, 0.0, 6e-6 * 2.5e8, rise])
 
 
 def test_failed_points_keep_their_start():
