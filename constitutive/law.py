@@ -28,6 +28,7 @@ from granfabric.constitutive.sliding.checks import check_sliding, initial_harden
 
 from .arrays import ALL_STRESS, finite, stress_and_index, update_arrays
 from .contract import Array, LawDescription, TangentKind, UpdateReport
+from .effective_stress import with_pressure
 from .effects import Effects
 from .initial_checks import check_state, given_coordination
 from .material_table import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
@@ -40,7 +41,7 @@ from .parameters import (
     parameter_table,
     rows_of,
 )
-from .pore_fluid import PoreFluid, fluid_stiffness, initial_pressure, with_pressure
+from .pore_fluid import PoreFluid, fluid_stiffness, initial_pressure
 from .state import micro_of_columns, state_variables
 from .threads import run_in_threads
 from .total_control import follow_total

@@ -24,7 +24,7 @@
     PAR_M_CV,
     PAR_COHESION,
     PAR_FLUID,
-    PAR_POROSITY,
+    PAR_FLUID_POROSITY,
 ) = range(23)
 
 # the micro-state: z, a_c (2), f/(kn r), a_n (2), a_t (2), gained z and a_c (3), lost z and a_c (3), z and a_c (3) of

@@ -10,9 +10,9 @@ import numpy as np
 
 from .arrays import finite
 from .contract import STATUS_TEXT, Array, Status
+from .effective_stress import effective_stress, with_pressure
 from .law import ContactLaw
 from .parameters import ParameterError, is_integer, is_within
-from .pore_fluid import effective_stress, with_pressure
 
 Control = Literal["stress", "strain"]
 

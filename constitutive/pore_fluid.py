@@ -21,14 +21,13 @@ from numpy.typing import NDArray
 from .arrays import ANY, ArrayError, UpdateArrays, finite, stress_and_index, update_arrays
 from .compilation import compiled
 from .contract import Array, Law, LawDescription, Status, TangentKind, UpdateReport, Variable
+from .effective_stress import PORE_PRESSURE, with_pressure
 from .parameters import Material, ParameterError, is_within
 from .threads import FEWEST_CHEAP_POINTS, run_in_threads
 from .total_control import follow_total
 
 LIMITED, NOT_FINITE = int(Status.LIMITED), int(Status.NOT_FINITE)
 
-PORE_PRESSURE = Variable("pore_pressure", "pore pressure u, compression positive", "Pa", default=0.0)
-"""State column of a law with pore fluid, its last."""
 STIFFNESS = Variable("fluid_stiffness", "bulk modulus of the fluid over the porosity, K_f/n", "Pa", 1, 0.0, 1e300)
 
 
@@ -36,7 +35,7 @@ def fluid_stiffness(material: Material) -> float:
     """K_f/n of a material [Pa]; 0 where no fluid is given. The porosity is ``1 - solid_fraction`` if it is not given.
 
     The solid fraction is that of disks in the plane, whose pores are about half of those of spheres: a porosity
-    measured in space is given as `Material.porosity`.
+    measured in space is given as `Material.fluid_porosity`.
 
     Raises
     ------
@@ -45,39 +44,13 @@ def fluid_stiffness(material: Material) -> float:
     """
     if not material.fluid_bulk_stiffness > 0.0:
         return 0.0
-    porosity = material.porosity if material.porosity > 0.0 else 1.0 - material.solid_fraction
+    porosity = material.fluid_porosity if material.fluid_porosity > 0.0 else 1.0 - material.solid_fraction
     if not porosity > 0.0:
         raise ParameterError(
             f"material.fluid_bulk_stiffness = {material.fluid_bulk_stiffness:g} needs pores: material.solid_fraction = "
-            f"{material.solid_fraction:g} leaves none, and material.porosity is not given"
+            f"{material.solid_fraction:g} leaves none, and material.fluid_porosity is not given"
         )
     return float(material.fluid_bulk_stiffness / porosity)
-
-
-def effective_stress(stress: Array, state: Array, description: LawDescription) -> Array:
-    """Effective stress of points of any law: their stress itself if no pore fluid is carried.
-
-    Parameters
-    ----------
-    stress, state : ndarray, shapes (..., 3), (..., nstate)
-        Tension positive [Pa].
-    description : LawDescription
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-    """
-    if not description.has_state(PORE_PRESSURE.name):
-        return stress
-    return with_pressure(stress, state[..., description.columns(PORE_PRESSURE.name)][..., 0])
-
-
-def with_pressure(stress: Array, pore_pressure: Any) -> Array:
-    """``stress + u m``: effective stress from total stress, or with -u the other way; shape (..., 3)."""
-    made = np.array(stress, dtype=np.float64)
-    made[..., 0] += pore_pressure
-    made[..., 1] += pore_pressure
-    return made
 
 
 @compiled(nogil=True)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .contract import Variable
+from .effective_stress import PORE_PRESSURE
 from .effects import Effects
 from .material_table import (
     M_A1,
@@ -24,7 +25,6 @@ from .material_table import (
     M_Z_REF,
     MICRO,
 )
-from .pore_fluid import PORE_PRESSURE
 
 _ALONG = "component(s) in the double-angle plane"
 

@@ -15,7 +15,7 @@ from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.resolve import resolve_field
 from granfabric.cases.errors import InputError
-from granfabric.cases.field import comparison, initial_balance, mesh_error_estimate, mesh_table
+from granfabric.cases.field import comparison, initial_balance, locking, mesh_error_estimate, mesh_table
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.records import files, pore_columns, resumption
 from granfabric.cases.records.field_history import FieldHistory
@@ -31,7 +31,7 @@ from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.constitutive import warm_up as constitutive_warm_up
 from granfabric.constitutive.contract import LawDescription
-from granfabric.constitutive.pore_fluid import effective_stress
+from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.fem import warm_up as fem_warm_up
 from granfabric.fem.equilibrium.checkpoint import Checkpoint, CheckpointError, CheckpointFolder
 from granfabric.fem.equilibrium.control import ControlError
@@ -135,6 +135,7 @@ def run_field(
         else:
             record.details["decision"] = effects_report.as_data(decision)
             effects_report.announce(decision, problem.law.description.linear_response, screen)
+        locking.tell(loaded.scene, record, screen)
         balance = initial_balance.Balance(problem)
         if earlier is not None:
             initial_balance.continue_from(balance, earlier, record)

@@ -30,10 +30,10 @@ from granfabric.cases.scene.effects_choice import (
 from granfabric.cases.scene.point_path import legs_of
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.screen import Screen
+from granfabric.constitutive.effective_stress import effective_stress, with_pressure
 from granfabric.constitutive.law import ContactLaw
 from granfabric.constitutive.parameters import ParameterError
 from granfabric.constitutive.path import PathHistory
-from granfabric.constitutive.pore_fluid import effective_stress, with_pressure
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.loads.problem import Problem
 

@@ -13,8 +13,8 @@ from granfabric.cases.scene import build
 from granfabric.cases.scene.effects_choice import EffectSet, with_decided
 from granfabric.cases.scene.point_path import legs_of
 from granfabric.cases.scene.reader import LoadedScene
+from granfabric.constitutive.effective_stress import with_pressure
 from granfabric.constitutive.path import drive
-from granfabric.constitutive.pore_fluid import with_pressure
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.equilibrium.stepping import solve
 

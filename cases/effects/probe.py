@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.constitutive.effective_stress import effective_stress, with_pressure
 from granfabric.constitutive.law import ContactLaw
-from granfabric.constitutive.pore_fluid import effective_stress, fluid_stiffness, with_pressure
+from granfabric.constitutive.pore_fluid import fluid_stiffness
 from granfabric.fem.accounting import Accounting
 from granfabric.fem.equilibrium.control import StepControl
 from granfabric.fem.equilibrium.linear_solution import LinearSolution, LinearSolutionError

@@ -10,7 +10,7 @@ import numpy as np
 from granfabric.cases.field.prepare import Prepared
 from granfabric.cases.scene import build, effects_choice
 from granfabric.cases.scene.reader import LoadedScene
-from granfabric.constitutive.pore_fluid import with_pressure
+from granfabric.constitutive.effective_stress import with_pressure
 from granfabric.fem.loads.problem import Problem
 
 from .decision import Decision, decide_field, decide_point

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.constitutive.effective_stress import with_pressure
 from granfabric.constitutive.law import ContactLaw
 from granfabric.constitutive.parameters import Integration
 from granfabric.constitutive.path import Leg, drive
-from granfabric.constitutive.pore_fluid import with_pressure
 
 from .probe import Paths
 

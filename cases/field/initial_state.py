@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from granfabric.cases.records.field_history import invariants
 from granfabric.cases.scene import build, pore_fluid
 from granfabric.cases.scene.reader import LoadedScene
+from granfabric.constitutive.effective_stress import with_pressure
 from granfabric.constitutive.law import ContactLaw
-from granfabric.constitutive.pore_fluid import with_pressure
 
 from .random_field import random_field
 

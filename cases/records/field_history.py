@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.constitutive.contract import LawDescription
-from granfabric.constitutive.pore_fluid import effective_stress
+from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
 

@@ -50,8 +50,8 @@ def tell(columns: Mapping[str, Any], name: str, record: Record, screen: Screen) 
     pressure = columns.get("pore_pressure_largest", columns["pore_pressure"])
     screen.say(
         f"pore pressure {float(np.min(columns[name])) / 1e3:.4g} to {float(np.max(pressure)) / 1e3:.4g} kPa, at the "
-        f"end {columns['pore_pressure'][-1] / 1e3:.4g} kPa on the mean; stress, p and q of files are total, q/p is that "
-        "of the effective stress"
+        f"end {columns['pore_pressure'][-1] / 1e3:.4g} kPa on the mean; stress, p and q are total in files, q/p is "
+        "that of the effective stress"
     )
     text = boiling(columns[name], columns["step"])
     if text:

@@ -12,7 +12,7 @@ from granfabric.cases.errors import unknown
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.scene.toml_text import to_toml
 from granfabric.constitutive.contract import LawDescription
-from granfabric.constitutive.pore_fluid import effective_stress
+from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.fem.equilibrium.results import FailedPoint
 
 from . import files

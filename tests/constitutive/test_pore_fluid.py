@@ -5,13 +5,14 @@ import pytest
 from contact_law_cases import PRESSURE, SHIFTED, Points, anisotropic_stress, law, material
 
 from granfabric.constitutive.contract import Law, Status
+from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.constitutive.effects import Effects
 from granfabric.constitutive.law import ContactLaw
 from granfabric.constitutive.parameters import ParameterError
 from granfabric.constitutive.path import Leg, drive
 from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
 from granfabric.constitutive.plain_laws.von_mises import VonMisesLaw, VonMisesMaterial
-from granfabric.constitutive.pore_fluid import PoreFluidLaw, effective_stress, fluid_stiffness
+from granfabric.constitutive.pore_fluid import PoreFluidLaw, fluid_stiffness
 
 WATER = 2.2e9
 ON = Effects(pore_fluid=True)
@@ -198,7 +199,7 @@ def test_constant_volume_is_the_limit_of_a_stiff_fluid(closure):
 
 def test_materials_with_other_fluids_and_without():
     index = np.array([0, 1, 2, 0], dtype=np.int32)
-    packings = [WET, material(), material(fluid_bulk_stiffness=1e8, porosity=0.4)]
+    packings = [WET, material(), material(fluid_bulk_stiffness=1e8, fluid_porosity=0.4)]
     several = ContactLaw(packings, effects=ON)
     stress, increment = np.tile([-1.1e5, -0.9e5, 2e3], (4, 1)), np.tile([-4e-6, -2e-6, 1e-6], (4, 1))
     points = Points(several, stress, material_index=index, pore_pressure=np.full(4, 1e4))
@@ -255,7 +256,7 @@ def test_the_contact_law_has_what_the_wrapper_gives():
 def test_what_is_refused():
     with pytest.raises(ParameterError, match="needs pores"):
         contact(packing=material(solid_fraction=1.0, fluid_bulk_stiffness=WATER))
-    assert fluid_stiffness(material(solid_fraction=1.0, fluid_bulk_stiffness=2.0, porosity=0.5)) == 4.0
+    assert fluid_stiffness(material(solid_fraction=1.0, fluid_bulk_stiffness=2.0, fluid_porosity=0.5)) == 4.0
     with pytest.raises(ParameterError, match="fluid_stiffness"):
         PoreFluidLaw(law(), -1.0)
     with pytest.raises(ParameterError, match=r"effects\.pore_fluid"):
