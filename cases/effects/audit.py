@@ -150,6 +150,7 @@ class StressPaths:
             network,
             np.full(len(points), len(nodes) - 1),
             description.nstate,
+            None if at_start is None else state[..., -1] - at_start,
         )
         return paths, outcome
 

@@ -87,6 +87,7 @@ def run_field(loaded: LoadedScene, prepared: Prepared, chosen: EffectSet) -> Out
         np.array([fabric for _, fabric in states]),
         np.full(problem.space.npoints, len(steps)),
         description.nstate,
+        None if pressure is None else np.array([problem.initial_state, *(s.state for s in steps)])[..., -1] - pressure,
     )
     keys = [(step.stage, round(step.fraction, 9)) for step in steps]
     return Outcome(trial, keys, seconds, summary.counters, description.linear_response, summary.finished)
@@ -113,6 +114,7 @@ def run_point(loaded: LoadedScene, chosen: EffectSet) -> Outcome:
         of("fabric_anisotropy_1", "fabric_anisotropy_2"),
         np.array([steps]),
         law.description.nstate,
+        columns["pore_pressure"][:, None] - datum if law.effects.pore_fluid else None,
     )
     keys = [("path", float(step)) for step in range(1, steps + 1)]
     return Outcome(trial, keys, seconds, {}, False, history.finished)
@@ -139,4 +141,5 @@ def _at(outcome: Outcome, keys: list[tuple[str, float]]) -> Trial:
         trial.fabric[nodes],
         np.full(trial.stress.shape[1], len(nodes) - 1),
         trial.columns,
+        None if trial.excess is None else trial.excess[nodes],
     )

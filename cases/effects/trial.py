@@ -87,6 +87,7 @@ def follow(law: ContactLaw, paths: Paths) -> Trial:
         np.zeros((nodes, npt, 2)),
         np.zeros(npt, dtype=np.int64),
         description.nstate,
+        np.zeros((nodes, npt)) if law.effects.pore_fluid else None,
     )
     stress_end, state_end = np.empty_like(stress), np.empty_like(state)
     alive = np.ones(npt, dtype=bool)
@@ -100,7 +101,10 @@ def follow(law: ContactLaw, paths: Paths) -> Trial:
             stress, stress_end = stress_end, stress
             state, state_end = state_end, state
         made.reached[alive] = node
-        made.stress[node] = with_pressure(stress, datum) if law.effects.pore_fluid else stress
+        made.stress[node] = stress
+        if made.excess is not None:
+            made.stress[node] = with_pressure(stress, datum)
+            made.excess[node] = state[:, -1] - datum
         made.coordination[node] = state[:, description.columns("coordination")][:, 0]
         made.fabric[node, :, : fabric.stop - fabric.start] = state[:, fabric]
     return made
@@ -173,7 +177,8 @@ def differences(
     dict of str to ndarray, shape (npt,)
         One entry for each of `QUANTITIES`.
     """
-    pressure = np.maximum(-0.5 * (reference.stress[..., 0] + reference.stress[..., 1]), 1e-300)
+    carried = reference.effective
+    pressure = np.maximum(-0.5 * (carried[..., 0] + carried[..., 1]), 1e-300)
     stress = reference.stress - other.stress
     strain: NDArray[Any]
     if stiffness_of_points is None:
