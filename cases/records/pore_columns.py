@@ -53,21 +53,21 @@ def tell(columns: Mapping[str, Any], name: str, record: Record, screen: Screen) 
         f"end {columns['pore_pressure'][-1] / 1e3:.4g} kPa on the mean; stress, p and q are total in files, q/p is "
         "that of the effective stress"
     )
-    text = boiling(columns[name], columns["step"])
+    text = boiling(columns[name], columns["step"], "" if name == PORE[0] else " at some points")
     if text:
         screen.say(text)
         record.details["boiling"] = text
         record.write()
 
 
-def boiling(smallest: Any, steps: Any) -> str:
+def boiling(smallest: Any, steps: Any, points: str = "") -> str:
     """A warning for pore pressures that water cannot have; empty if there are none."""
     low = np.asarray(smallest, dtype=np.float64)
     beyond = np.flatnonzero(low < CAVITATION)
     if not beyond.size:
         return ""
     return (
-        f"warning: from step {int(steps[int(beyond[0])])} on the pore pressure is below -100 kPa (down to "
+        f"warning: from step {int(steps[int(beyond[0])])} on the pore pressure is below -100 kPa{points} (down to "
         f"{low.min() / 1e3:.4g} kPa): water boils there, if pressures count from that of the atmosphere, and no "
         "longer keeps the volume; the computed strength from there on is too high"
     )
