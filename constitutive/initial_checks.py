@@ -27,6 +27,22 @@ def given_coordination(given: object, npt: int) -> Array:
     return z
 
 
+def check_fabric(name: str, fabric: tuple[float, float], distribution: str) -> None:
+    """Refuse a fabric anisotropy that the directional distribution of contacts cannot have.
+
+    Raises
+    ------
+    ParameterError
+    """
+    magnitude, entropy = float(np.hypot(*fabric)), distribution == "maximum_entropy"
+    limit = 2.0 if entropy else 1.0
+    if magnitude >= limit and not (magnitude == limit and not entropy):
+        raise ParameterError(
+            f"{name} has the magnitude {magnitude:g}, but the {distribution} "
+            f"distribution admits {'less than 2' if entropy else 'at most 1'}"
+        )
+
+
 def check_state(state: Array, stress: Array) -> None:
     """Refuse a state that no forces carry.
 

@@ -30,7 +30,7 @@ from .arrays import ALL_STRESS, finite, stress_and_index, update_arrays
 from .contract import Array, LawDescription, TangentKind, UpdateReport
 from .effective_stress import with_pressure
 from .effects import Effects
-from .initial_checks import check_state, given_coordination
+from .initial_checks import check_fabric, check_state, given_coordination
 from .material_table import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
 from .parameters import (
     Closure,
@@ -90,7 +90,8 @@ class ContactLaw:
         self._table = parameter_table(self.materials)
         entropy = self.closure.distribution == "maximum_entropy"
         for material in self.materials:
-            self._check_fabric("material.initial_fabric", material.initial_fabric_xx, material.initial_fabric_xy)
+            fabric = material.initial_fabric_xx, material.initial_fabric_xy
+            check_fabric("material.initial_fabric", fabric, self.closure.distribution)
             if self.closure.shear_stiffness == "isostatic" and material.isostatic_coordination >= material.coordination:
                 raise ParameterError(
                     f"material.isostatic_coordination = {material.isostatic_coordination:g} is not below "
@@ -164,16 +165,6 @@ class ContactLaw:
             c_w=float(closure.fluctuation) if scattered else 0.0,
         )
 
-    def _check_fabric(self, name: str, xx: float, xy: float) -> None:
-        magnitude = float(np.hypot(xx, xy))
-        entropy = self.closure.distribution == "maximum_entropy"
-        limit = 2.0 if entropy else 1.0
-        if magnitude >= limit and not (magnitude == limit and not entropy):
-            raise ParameterError(
-                f"{name} has the magnitude {magnitude:g}, but the {self.closure.distribution} "
-                f"distribution admits {'less than 2' if entropy else 'at most 1'}"
-            )
-
     @cached_property
     def description(self) -> LawDescription:
         """The law as data."""
@@ -238,7 +229,7 @@ class ContactLaw:
             fabric = finite("fabric_anisotropy", fabric_anisotropy, (npt, 2))
             if npt:
                 largest = fabric[np.argmax(np.hypot(fabric[:, 0], fabric[:, 1]))]
-                self._check_fabric("fabric_anisotropy", largest[0], largest[1])
+                check_fabric("fabric_anisotropy", tuple(largest), self.closure.distribution)
         if not self.effects.principal_rotation:
             s = s * [1.0, 0.0]
             fabric = fabric * np.array([1.0, 0.0])

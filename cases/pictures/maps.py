@@ -42,13 +42,13 @@ def _carried(mesh: Any) -> str:
     return "effective_stress" if "effective_stress" in mesh.point_data else "stress"
 
 
-def _pressure(mesh: Any) -> Array:
-    name = _carried(mesh)
+def _pressure(mesh: Any, name: str = "stress") -> Array:
     return -(_stress(mesh, 0, name) + _stress(mesh, 4, name)) / 2
 
 
 def _stress_ratio(mesh: Any) -> Array:
-    return np.asarray(np.hypot((_stress(mesh, 0) - _stress(mesh, 4)) / 2, _stress(mesh, 1)) / _pressure(mesh))
+    deviator = np.hypot((_stress(mesh, 0) - _stress(mesh, 4)) / 2, _stress(mesh, 1))
+    return np.asarray(deviator / _pressure(mesh, _carried(mesh)))
 
 
 def _pore_pressure(mesh: Any) -> Array:
