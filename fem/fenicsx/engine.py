@@ -1,0 +1,64 @@
+"""Importing FEniCSx, which is there or is not.
+
+On PyPI its solvers come as `dolfinx-solver-real`, whose module has to be imported first because it tells the loader
+where MPI and PETSc are; a distribution's package needs nothing of the kind.
+"""
+
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+from typing import Any
+
+OLDEST = (0, 9)
+"""Before it, expressions and spaces are made by other names."""
+
+
+class EngineError(ImportError):
+    """FEniCSx cannot be used; the text says why and what to install."""
+
+
+def dolfinx() -> ModuleType:
+    """The module `dolfinx`, with what is used here imported.
+
+    Raises
+    ------
+    EngineError
+    """
+    try:
+        importlib.import_module("dolfinx_solver")
+    except ImportError:
+        pass  # from another source than PyPI
+    try:
+        module = importlib.import_module("dolfinx")
+        for part in ("fem", "mesh", "fem.petsc"):
+            importlib.import_module(f"dolfinx.{part}")
+    except ImportError as error:
+        raise EngineError(
+            f"the host 'fenicsx' needs FEniCSx ({error}); with Python 3.12 or later: pip install "
+            '"granfabric[fenicsx]"'
+        ) from error
+    version = getattr(module, "__version__", "0")
+    if tuple(int(part) for part in version.split(".")[:2]) < OLDEST:
+        raise EngineError(f"the host 'fenicsx' needs dolfinx {OLDEST[0]}.{OLDEST[1]} or later, this is {version}")
+    return module
+
+
+def world() -> Any:
+    """All ranks, `mpi4py.MPI.COMM_WORLD`.
+
+    Raises
+    ------
+    EngineError
+    """
+    dolfinx()
+    return importlib.import_module("mpi4py.MPI").COMM_WORLD
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computes here."""
+    found = {"dolfinx": dolfinx().__version__}
+    found["petsc4py"] = importlib.import_module("petsc4py").__version__
+    library = importlib.import_module("mpi4py.MPI").Get_library_version()
+    found["mpi"] = " ".join(library.split("\n")[0].split())[:60].rstrip("\0 ")
+    return found
