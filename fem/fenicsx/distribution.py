@@ -130,18 +130,8 @@ class Distribution:
         self.comm = comm
         self.outline: Outline = comm.bcast(None if space is None else outline(space), root=0)
         shape = self.outline
-        lagrange = basix_ufl.element("Lagrange", shape.cell, shape.order)
         geometry = basix_ufl.element("Lagrange", shape.cell, shape.order if shape.curved else 1, shape=(2,))
-        node = _agreed(shape.nodes, lagrange.basix_element.points, f"the nodes of the element {shape.element}")
-        quadrature = basix_ufl.quadrature_element(shape.cell, scheme="default", degree=shape.quadrature_degree)
-        theirs, weights = quadrature.custom_quadrature()
-        point = _agreed(
-            shape.places, theirs, f"the integration points of {shape.element} at quadrature_degree = "
-            f"{shape.quadrature_degree}"
-        )  # fmt: skip
-        if not np.allclose(weights[point], shape.weights, rtol=1e-12):
-            raise DistributionError("the two hosts weigh their integration points differently")
-        self.reference_points = np.asarray(theirs)
+        node, point, self.reference_points = _correspondence(shape)
         self._divide(module, space, geometry, node, len(geometry.basix_element.points))
         self.displacements = module.fem.functionspace(
             self.mesh, basix_ufl.element("Lagrange", shape.cell, shape.order, shape=(2,))
@@ -190,6 +180,31 @@ class Distribution:
         off = float(np.abs(have - wanted).max()) if len(wanted) else 0.0
         if self.comm.allreduce(int(not off <= SAME_PLACE * self.outline.extent)):
             raise DistributionError("the two hosts disagree on where the nodes are")
+
+
+def check_space(space: Space) -> None:
+    """Make sure that both hosts mean the same by an element and its integration points.
+
+    Raises
+    ------
+    DistributionError
+    """
+    dolfinx()
+    _correspondence(outline(space))
+
+
+def _correspondence(shape: Outline) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """dolfinx's numbers of the own host's nodes and points of a cell, and dolfinx's reference points."""
+    basix_ufl = importlib.import_module("basix.ufl")
+    lagrange = basix_ufl.element("Lagrange", shape.cell, shape.order)
+    node = _agreed(shape.nodes, lagrange.basix_element.points, f"the nodes of the element {shape.element}")
+    quadrature = basix_ufl.quadrature_element(shape.cell, scheme="default", degree=shape.quadrature_degree)
+    theirs, weights = quadrature.custom_quadrature()
+    rule = f"quadrature_degree = {shape.quadrature_degree} of {shape.element}"
+    point = _agreed(shape.places, theirs, f"the {len(shape.places)} integration points of {rule}")
+    if not np.allclose(weights[point], shape.weights, rtol=1e-12):
+        raise DistributionError(f"the host 'fenicsx' weighs the integration points of {rule} differently")
+    return node, point, np.asarray(theirs)
 
 
 def _agreed(ours: Array, theirs: Array, what: str) -> NDArray[np.int64]:

@@ -6,10 +6,12 @@ import logging
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from types import TracebackType
 from typing import Any
 
 import numba
+import numpy as np
 
 from granfabric.fem.equilibrium.checkpoint import Checkpoint
 from granfabric.fem.equilibrium.control import ControlError, StepControl
@@ -22,6 +24,10 @@ from .local_problem import divide
 from .run import CallbackError, DistributedCoupledRun, DistributedUncoupledRun, divide_checkpoint
 
 logger = logging.getLogger(__name__)
+
+_SOLVE, _GO = 1, 2
+NAP = 0.01
+"""Seconds between two looks of a rank that has nothing to do."""
 
 _AGREED_ERRORS = (DistributionError, ControlError)
 """Raised on all ranks together: the team stays together."""
@@ -52,7 +58,7 @@ class Team:
         if self._together:
             self.end(f"{type(error).__name__}: {error}" if error is not None else "broken off")
         if self.leads:
-            self.comm.bcast(None, root=0)
+            self._call(_GO)
 
     def end(self, sentence: str) -> None:
         """End all ranks at once, exit code 1."""
@@ -61,10 +67,18 @@ class Team:
         if self.comm.size > 1:
             self.comm.Abort(1)
 
+    def _call(self, word: int = 0) -> int:
+        """Tell the word of rank 0 to all. Who waits for it sleeps: MPI's own waiting would keep a core busy."""
+        told = np.array([word])
+        request = self.comm.Ibcast(told, root=0)
+        while not request.Test():
+            time.sleep(NAP)
+        return int(told[0])
+
     def assist(self) -> None:
         """What the other ranks do until rank 0 lets them go."""
         while True:
-            if self.comm.bcast(None, root=0) is None:
+            if self._call() == _GO:
                 return
             try:
                 self._run(None, None, None, None, None, None, time.perf_counter)
@@ -97,7 +111,7 @@ class Team:
         DistributionError
             If the two hosts do not agree on elements or integration points.
         """
-        self.comm.bcast("solve", root=0)
+        self._call(_SOLVE)
         self._together = True
         try:
             return self._run(problem, control or StepControl(), on_step, stop, resume, on_checkpoint, clock)
@@ -150,10 +164,6 @@ class Team:
 
 def _on_free(local: Any, resume: StepResult, memory: Any) -> Any:
     """The correction of the free degrees of freedom of the stage to go on with."""
-    from dataclasses import replace
-
-    import numpy as np
-
     names = [stage.name for stage in local.stages]
     terms = local.program.terms[names.index(resume.stage)]
     mask = np.ones(local.space.ndofs, dtype=bool)
