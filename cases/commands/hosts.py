@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -50,6 +51,8 @@ def assists(host: HostName) -> bool:
     team = _team()
     if team.leads:
         return False
+    # launchers hand Ctrl-C to every rank; rank 0 answers it for all
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     team.assist()
     return True
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.fem.linear_solvers.direct import FactorisationError
+
 if TYPE_CHECKING:
     from .residual import Equilibrium
 

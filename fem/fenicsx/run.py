@@ -146,9 +146,10 @@ class _Collected(Run):
         own: SolverMemory = super()._memory(*arguments)  # type: ignore[misc]
         correction = None
         if self._comm.bcast(own.last_correction is not None, root=0):
-            full = np.zeros(self._problem.space.ndofs)
+            full = np.full(self._problem.space.ndofs, np.nan)
             full[self._system.free] = own.last_correction
             correction = self._of_nodes(full)
+            correction = correction[~np.isnan(correction)]
         return replace(
             own, tangent=self._of_points(own.tangent), last_correction=correction, factor=FactorMemory()
         )
@@ -163,7 +164,7 @@ class DistributedUncoupledRun(_Collected, UncoupledRun):
 
 
 def divide_checkpoint(
-    problem: LocalProblem, resume: StepResult | None, memory: SolverMemory | None
+    problem: LocalProblem, whole: Problem | None, resume: StepResult | None, memory: SolverMemory | None
 ) -> tuple[StepResult | None, SolverMemory | None]:
     """This rank's part of the step to go on from, which rank 0 has.
 
@@ -188,6 +189,9 @@ def divide_checkpoint(
         return None, None
     plain, rest, correction, ndofs, shape = head
     width = problem.initial_state.shape[1]
+    names = [stage.name for stage in problem.stages]
+    if plain.stage not in names:
+        raise ControlError(f"the step to go on from belongs to stage {plain.stage!r}, not one of {names}")
     if ndofs != 2 * space.nodes.total or tuple(shape) != (space.points.total, width):
         raise ControlError(
             f"the step to go on from has {ndofs} degrees of freedom and a state of shape {tuple(shape)}, this problem "
@@ -213,11 +217,31 @@ def divide_checkpoint(
         return made, None
     last = None
     if correction:
-        last = of_nodes(None if memory is None else memory.last_correction)
+        full = None
+        if whole is not None and memory is not None and resume is not None:
+            full = _of_all(whole, resume.stage, memory.last_correction)
+        free = np.ones(space.ndofs, dtype=bool)
+        free[problem.program.terms[_number(problem.stages, plain.stage)].constrained] = False
+        last = of_nodes(full)[free]
     tangent = np.empty((0, 3, 3))
     if not problem.law.description.linear_response:
         tangent = space.points.scatter(None if memory is None else memory.tangent, (3, 3))
     return made, replace(rest, tangent=tangent, last_correction=last)
+
+
+def _number(stages: Any, name: str) -> int:
+    return [stage.name for stage in stages].index(name)
+
+
+def _of_all(whole: Problem, stage: str, of_free: Array | None) -> Array:
+    """Values of the free degrees of freedom of a stage among all, zero elsewhere."""
+    free = np.ones(whole.space.ndofs, dtype=bool)
+    free[whole.program.terms[_number(whole.stages, stage)].constrained] = False
+    full = np.zeros(whole.space.ndofs)
+    if of_free is None or of_free.shape != (int(free.sum()),):
+        return full  # a guess that is no use does no harm
+    full[free] = of_free
+    return full
 
 
 _NONE = np.empty(0)

@@ -6,7 +6,6 @@ import logging
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from types import TracebackType
 from typing import Any
 
@@ -139,9 +138,7 @@ class Team:
         memory = None
         if isinstance(resume, Checkpoint):
             resume, memory = resume.result, resume.memory
-        resume, memory = divide_checkpoint(local, resume, memory)
-        if memory is not None and memory.last_correction is not None:
-            memory = _on_free(local, resume, memory)
+        resume, memory = divide_checkpoint(local, problem, resume, memory)
         summary = run.execute(resume, memory)
         self._together = False
         logger.info("rank %d moved %d bytes", comm.rank, distribution.nodes.bytes_moved + distribution.points.bytes_moved)
@@ -161,11 +158,3 @@ class Team:
 
         return called
 
-
-def _on_free(local: Any, resume: StepResult, memory: Any) -> Any:
-    """The correction of the free degrees of freedom of the stage to go on with."""
-    names = [stage.name for stage in local.stages]
-    terms = local.program.terms[names.index(resume.stage)]
-    mask = np.ones(local.space.ndofs, dtype=bool)
-    mask[terms.constrained] = False
-    return replace(memory, last_correction=memory.last_correction[mask])
