@@ -7,6 +7,7 @@ where MPI and PETSc are; a distribution's package needs nothing of the kind.
 from __future__ import annotations
 
 import importlib
+from contextlib import suppress
 from types import ModuleType
 from typing import Any
 
@@ -25,10 +26,8 @@ def dolfinx() -> ModuleType:
     ------
     EngineError
     """
-    try:
+    with suppress(ImportError):  # from another source than PyPI
         importlib.import_module("dolfinx_solver")
-    except ImportError:
-        pass  # from another source than PyPI
     try:
         module = importlib.import_module("dolfinx")
         for part in ("fem", "mesh", "fem.petsc"):

@@ -177,8 +177,9 @@ def divide_checkpoint(
     comm = space.comm
     head: Any = None
     if resume is not None:
-        plain = replace(resume, displacement=_NONE, stress=_NONE, strain=_NONE, state=_NONE, status=_NONE,
-                        stage_start=StageStart(_NONE, _NONE, _NONE), reactions={})  # type: ignore[arg-type]  # fmt: skip
+        plain = replace(resume, displacement=_NONE, stress=_NONE, strain=_NONE, state=_NONE,
+                        status=np.empty(0, dtype=np.int8),
+                        stage_start=StageStart(_NONE, _NONE, _NONE), reactions={})  # fmt: skip
         rest = None
         if memory is not None:
             rest = replace(memory, tangent=_NONE, last_correction=None, factor=FactorMemory())

@@ -39,11 +39,12 @@ class DistributedEquilibrium(Equilibrium):
         self.space = distribution  # type: ignore[assignment]
         self.control = control
         self.accounting = accounting
-        self.forces = DistributedForces(distribution)  # type: ignore[assignment]
+        forces = DistributedForces(distribution)
+        self.forces = forces  # type: ignore[assignment]
         self.material = DistributedMaterial(
-            self._comm, problem.law, self.forces, problem.initial_stress, problem.initial_state, accounting,
+            self._comm, problem.law, forces, problem.initial_stress, problem.initial_state, accounting,
             problem.material_index,
-        )  # type: ignore[arg-type]  # fmt: skip
+        )  # fmt: skip
         ndofs = distribution.ndofs
         self.displacement, self.internal_force = np.zeros(ndofs), np.zeros(ndofs)
         self.internal_trial, self.scratch = np.zeros(ndofs), np.zeros(ndofs)

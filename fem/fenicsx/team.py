@@ -53,7 +53,9 @@ class Team:
     def __enter__(self) -> Team:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         if self._together:
             self.end(f"{type(error).__name__}: {error}" if error is not None else "broken off")
         if self.leads:
@@ -128,20 +130,23 @@ class Team:
              on_checkpoint: Any, clock: Any) -> RunSummary:  # fmt: skip
         comm = self.comm
         self._told = False
-        wanted = (on_step is not None or on_checkpoint is not None, on_checkpoint is not None)
+        wanted = on_step is not None or on_checkpoint is not None, on_checkpoint is not None
         control, wanted = comm.bcast((control, wanted), root=0)
+        assert control is not None
         distribution = Distribution(comm, None if problem is None else problem.space)
         local = divide(distribution, problem)
         kind = DistributedUncoupledRun if local.law.description.linear_response else DistributedCoupledRun
         run = kind(local, control, self._telling(on_step), stop, self._telling(on_checkpoint), clock)
-        run.whole, run.wanted, run.checkpoints = problem, *wanted
+        run.whole = problem
+        run.wanted, run.checkpoints = wanted
         memory = None
         if isinstance(resume, Checkpoint):
             resume, memory = resume.result, resume.memory
         resume, memory = divide_checkpoint(local, problem, resume, memory)
         summary = run.execute(resume, memory)
         self._together = False
-        logger.info("rank %d moved %d bytes", comm.rank, distribution.nodes.bytes_moved + distribution.points.bytes_moved)
+        moved = distribution.nodes.bytes_moved + distribution.points.bytes_moved
+        logger.info("rank %d gave and took %d bytes", comm.rank, moved)
         return summary
 
     def _telling(self, callback: Any) -> Any:
