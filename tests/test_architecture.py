@@ -24,6 +24,7 @@ ALLOWED: dict[str, set[str]] = {
         "skfem",
         "meshio",
         "cvxopt",
+        *("dolfinx", "basix", "ufl", "mpi4py", "petsc4py", "dolfinx_solver"),  # of the second host
         *(f"granfabric.constitutive.{part}" for part in ("arrays", "compilation", "contract", "threads")),
     },
     "dem_ref": {"numpy", "numba", "scipy.spatial"},
@@ -41,7 +42,7 @@ FLOORS: dict[str, tuple[str, ...]] = {
         "warm_up",
     ),
     "fem": (
-        *("accounting", "vectors", "mesh", "linear_solvers", "discretisation", "loads", "equilibrium", "output"),
+        *("accounting", "vectors", "mesh", "linear_solvers", "discretisation", "loads", "equilibrium", "output", "fenicsx"),
         "warm_up",
     ),
     "dem_ref": (
