@@ -42,8 +42,8 @@ FLOORS: dict[str, tuple[str, ...]] = {
         "warm_up",
     ),
     "fem": (
-        *("accounting", "vectors", "mesh", "linear_solvers", "discretisation", "loads", "equilibrium", "output", "fenicsx"),
-        "warm_up",
+        *("accounting", "vectors", "mesh", "linear_solvers", "discretisation", "loads", "equilibrium", "output"),
+        *("fenicsx", "warm_up"),
     ),
     "dem_ref": (
         *("arrays", "compilation", "sample", "threads", "dynamics", "measures", "loading", "inputs", "exchange"),

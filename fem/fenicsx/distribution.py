@@ -6,7 +6,6 @@ coordinates and from the original numbers that dolfinx keeps, and checked agains
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from granfabric.fem.discretisation.space import Space
 
+from . import dialect
 from .engine import dolfinx
 from .exchange import Exchange
 
@@ -125,32 +125,25 @@ class Distribution:
     """
 
     def __init__(self, comm: Any, space: Space | None) -> None:
-        module = dolfinx()
-        basix_ufl = importlib.import_module("basix.ufl")
         self.comm = comm
         self.outline: Outline = comm.bcast(None if space is None else outline(space), root=0)
         shape = self.outline
-        geometry = basix_ufl.element("Lagrange", shape.cell, shape.order if shape.curved else 1, shape=(2,))
         node, point, self.reference_points = _correspondence(shape)
-        self._divide(module, space, geometry, node, len(geometry.basix_element.points))
-        self.displacements = module.fem.functionspace(
-            self.mesh, basix_ufl.element("Lagrange", shape.cell, shape.order, shape=(2,))
-        )
+        order = shape.order if shape.curved else 1
+        self.mesh = self._divide(space, node, order)
+        self.displacements = dialect.vector_space(self.mesh, shape.order)
         self._number(space, np.argsort(node), np.argsort(point))
 
-    def _divide(self, module: Any, space: Space | None, geometry: Any, node: NDArray[np.int64], corners: int) -> None:
-        # columns in dolfinx's order of the geometry's nodes, which come first among those of the element
+    def _divide(self, space: Space | None, node: NDArray[np.int64], order: int) -> Any:
+        # dolfinx's nodes of the geometry come first among those of the element
+        corners = len(dialect.lagrange_points(self.outline.cell, order))
         if space is not None:
-            columns = np.argsort(node)[:corners]
-            rows = space.element_nodes[:, columns].astype(np.int64)
+            rows = space.element_nodes[:, np.argsort(node)[:corners]]
             used, compact = np.unique(rows, return_inverse=True)
             rows, coordinates = compact.reshape(rows.shape).astype(np.int64), space.nodes[used]
         else:
             rows, coordinates = np.empty((0, corners), dtype=np.int64), np.empty((0, 2))
-        try:
-            self.mesh = module.mesh.create_mesh(self.comm, rows, geometry, coordinates)
-        except TypeError:  # before 0.10 the coordinates came before the element
-            self.mesh = module.mesh.create_mesh(self.comm, rows, coordinates, geometry)
+        return dialect.create_mesh(self.comm, rows, coordinates, self.outline.cell, order)
 
     def _number(self, space: Space | None, node: NDArray[np.int64], point: NDArray[np.int64]) -> None:
         number = self.mesh.topology.index_map(2).size_local
@@ -162,7 +155,7 @@ class Distribution:
         element_nodes = self.comm.scatter(answers, root=0)
         index_map = self.displacements.dofmap.index_map
         numbers = np.full(index_map.size_local + index_map.num_ghosts, -1, dtype=np.int64)
-        numbers[np.asarray(self.displacements.dofmap.list)[: len(local)]] = element_nodes[:, node]
+        numbers[dialect.dof_table(self.displacements)[: len(local)]] = element_nodes[:, node]
         owned, original = numbers[: index_map.size_local], local[:number]
         self.node_numbers = owned
         self.nodes = Exchange(self.comm, owned)
@@ -195,16 +188,13 @@ def check_space(space: Space) -> None:
 
 def _correspondence(shape: Outline) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
     """dolfinx's numbers of the own host's nodes and points of a cell, and dolfinx's reference points."""
-    basix_ufl = importlib.import_module("basix.ufl")
-    lagrange = basix_ufl.element("Lagrange", shape.cell, shape.order)
-    node = _agreed(shape.nodes, lagrange.basix_element.points, f"the nodes of the element {shape.element}")
-    quadrature = basix_ufl.quadrature_element(shape.cell, scheme="default", degree=shape.quadrature_degree)
-    theirs, weights = quadrature.custom_quadrature()
+    node = _agreed(shape.nodes, dialect.lagrange_points(shape.cell, shape.order), f"the nodes of {shape.element}")
+    theirs, weights = dialect.quadrature_rule(shape.cell, shape.quadrature_degree)
     rule = f"quadrature_degree = {shape.quadrature_degree} of {shape.element}"
     point = _agreed(shape.places, theirs, f"the {len(shape.places)} integration points of {rule}")
     if not np.allclose(weights[point], shape.weights, rtol=1e-12):
         raise DistributionError(f"the host 'fenicsx' weighs the integration points of {rule} differently")
-    return node, point, np.asarray(theirs)
+    return node, point, theirs
 
 
 def _agreed(ours: Array, theirs: Array, what: str) -> NDArray[np.int64]:

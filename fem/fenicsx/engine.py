@@ -11,8 +11,9 @@ from contextlib import suppress
 from types import ModuleType
 from typing import Any
 
-OLDEST = (0, 9)
-"""Before it, expressions and spaces are made by other names."""
+OLDEST = (0, 5)
+NEW = (0, 9)
+"""From here on spaces and expressions are made as today; `dialect` knows both ways."""
 
 
 class EngineError(ImportError):
@@ -37,10 +38,20 @@ def dolfinx() -> ModuleType:
             f"the host 'fenicsx' needs FEniCSx ({error}); with Python 3.12 or later: pip install "
             '"granfabric[fenicsx]"'
         ) from error
-    version = getattr(module, "__version__", "0")
-    if tuple(int(part) for part in version.split(".")[:2]) < OLDEST:
-        raise EngineError(f"the host 'fenicsx' needs dolfinx {OLDEST[0]}.{OLDEST[1]} or later, this is {version}")
+    if _version(module) < OLDEST:
+        raise EngineError(
+            f"the host 'fenicsx' needs dolfinx {OLDEST[0]}.{OLDEST[1]} or later, this is {module.__version__}"
+        )
     return module
+
+
+def _version(module: ModuleType) -> tuple[int, ...]:
+    return tuple(int(part) for part in str(getattr(module, "__version__", "0.0")).split(".")[:2])
+
+
+def is_new() -> bool:
+    """Whether this FEniCSx names things as today."""
+    return _version(dolfinx()) >= NEW
 
 
 def world() -> Any:

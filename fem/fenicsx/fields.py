@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import dialect
 from .distribution import DistributionError
 from .engine import dolfinx
 
@@ -38,24 +39,16 @@ class QuadratureFields:
     """
 
     def __init__(self, mesh: Any, degree: int) -> None:
-        module, ufl, basix_ufl = dolfinx(), importlib.import_module("ufl"), importlib.import_module("basix.ufl")
+        module, ufl = dolfinx(), importlib.import_module("ufl")
         self._module, self._mesh = module, mesh
-        cell = mesh.basix_cell().name
-
-        def quadrature(*columns: int) -> Any:
-            element = basix_ufl.quadrature_element(cell, value_shape=columns, scheme="default", degree=degree)
-            return module.fem.functionspace(mesh, element)
-
-        self.stress = module.fem.Function(quadrature(3))
-        self.tangent = module.fem.Function(quadrature(3, 3))
-        scalar = basix_ufl.quadrature_element(cell, scheme="default", degree=degree)
-        self._reference = np.asarray(scalar.custom_quadrature()[0])
-        self._weights = np.asarray(scalar.custom_quadrature()[1])
+        self.stress = module.fem.Function(dialect.quadrature_space(mesh, degree, (3,)))
+        self.tangent = module.fem.Function(dialect.quadrature_space(mesh, degree, (3, 3)))
+        self._reference, self._weights = dialect.quadrature_rule(dialect.cell_name(mesh), degree)
         self.dx = ufl.Measure("dx", domain=mesh, metadata={"quadrature_degree": degree, "quadrature_scheme": "default"})
         self._cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
         self.npoints = len(self._cells) * len(self._reference)
         for field in (self.stress, self.tangent):
-            dofs = np.asarray(field.function_space.dofmap.list)[: len(self._cells)]
+            dofs = dialect.dof_table(field.function_space)[: len(self._cells)]
             if not np.array_equal(dofs.ravel(), np.arange(self.npoints)):
                 raise DistributionError("this version of dolfinx orders integration points in another way")
 
@@ -65,7 +58,7 @@ class QuadratureFields:
 
     def evaluate(self, expression: Any, columns: int) -> Array:
         """Its values, shape (npoints, columns)."""
-        values = np.asarray(expression.eval(self._mesh, self._cells))
+        values = dialect.evaluate(expression, self._mesh, self._cells)
         return np.ascontiguousarray(values.reshape(self.npoints, columns), dtype=np.float64)
 
     def set(self, field: Any, values: Array) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import dialect
 from .distribution import Distribution
 from .engine import dolfinx
 from .fields import QuadratureFields
@@ -35,7 +36,7 @@ class DistributedForces:
 
     def __init__(self, distribution: Distribution) -> None:
         self.space = distribution
-        module, ufl, la = dolfinx(), importlib.import_module("ufl"), importlib.import_module("dolfinx.la")
+        module, ufl = dolfinx(), importlib.import_module("ufl")
         space = distribution.displacements
         fields = QuadratureFields(distribution.mesh, distribution.outline.quadrature_degree)
         self._fields = fields
@@ -47,8 +48,6 @@ class DistributedForces:
         self.tangent_form = form(ufl.inner(ufl.dot(fields.tangent, strain(trial)), strain(test)) * fields.dx)
         self._strain = fields.expression(strain(self._moved))
         self._vector = module.fem.Function(space)
-        self._add = la.InsertMode.add
-        self._assemble = module.fem.assemble_vector
         self.magnitude = np.zeros(distribution.ndofs)
 
     def strain(self, displacement: Array, out: Array) -> Array:
@@ -87,6 +86,6 @@ class DistributedForces:
     def _assembled(self, form: Any) -> Array:
         vector = self._vector.x
         vector.array[:] = 0.0
-        self._assemble(vector.array, form)
-        vector.scatter_reverse(self._add)
+        dialect.assemble_vector(vector.array, form)
+        dialect.add_from_ghosts(vector)
         return np.array(vector.array[: self.space.ndofs])
