@@ -24,6 +24,7 @@ ALLOWED: dict[str, set[str]] = {
         "skfem",
         "meshio",
         "cvxopt",
+        *("dolfinx", "basix", "ufl", "mpi4py", "petsc4py", "dolfinx_solver"),  # of the second host
         *(f"granfabric.constitutive.{part}" for part in ("arrays", "compilation", "contract", "threads")),
         "granfabric.constitutive.effective_stress",
     },
@@ -44,7 +45,7 @@ FLOORS: dict[str, tuple[str, ...]] = {
     ),
     "fem": (
         *("accounting", "vectors", "mesh", "linear_solvers", "discretisation", "loads", "equilibrium", "output"),
-        "warm_up",
+        *("fenicsx", "warm_up"),
     ),
     "dem_ref": (
         *("arrays", "compilation", "sample", "threads", "dynamics", "measures", "loading", "inputs", "exchange"),

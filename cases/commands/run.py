@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -39,6 +39,11 @@ from granfabric.fem.equilibrium.results import RunSummary, StepResult
 from granfabric.fem.equilibrium.stepping import solve
 from granfabric.fem.output.fields import OutputError
 
+from . import hosts
+
+if TYPE_CHECKING:
+    from granfabric.fem.fenicsx.team import Team
+
 COMPILATION_SECONDS = 12
 """Rough time to compile the kernels of law and host on two cores, for the message on first use."""
 UNBOUNDED = 0.5
@@ -52,6 +57,7 @@ def run_field(
     resume: bool = False,
     kernels: EarlyKernels | None = None,
     overwrite: bool = False,
+    team: Team | None = None,
 ) -> Record:
     """Compute a field scene and write its files.
 
@@ -69,6 +75,8 @@ def run_field(
         Where the law's kernels are being compiled.
     overwrite : bool
         Replace results of another scene too.
+    team : Team, optional
+        Ranks of the host "fenicsx"; the own host computes if not given.
 
     Returns
     -------
@@ -97,6 +105,7 @@ def run_field(
             earlier = resumption.earlier_record(folder)
         effects_choice.check(loaded)
         prepared = prepare(loaded)
+        hosts.check(team, loaded, prepared.problem)
         second_order = loaded.scene.mesh.element.endswith("2")
         mesh_table.show(prepared.problem.space.host_mesh, screen, second_order)
         waited = 0.0 if earlier is not None else _compile(loaded, kernels, watch, stop)
@@ -116,6 +125,7 @@ def run_field(
                 record.outcome, record.message = "finished", earlier["message"]
                 return record
             resumed = _last_checkpoint(checkpoints, earlier, screen)
+        record.details["host"] = hosts.as_data(team)
         record.details["mesh_digest"] = digest
         record.details["mesh_groups"] = mesh_table.as_data(problem.space.host_mesh, second_order)
         record.details["size"] = {
@@ -158,7 +168,7 @@ def run_field(
                     initial_balance.report_release(balance, step, record, screen)
                     recorder(step)
 
-                summary = solve(
+                summary = (solve if team is None else team.solve)(
                     problem,
                     prepared.control,
                     on_step=on_step,

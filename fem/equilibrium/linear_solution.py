@@ -104,7 +104,7 @@ class LinearSolution:
             change[terms.constrained] = target_displacement(terms, start) - start.displacement[terms.constrained]
             end = external_force(problem, index, start, 1.0)
             right_hand_side = (end - self._internal)[system.free]
-            if change.any():
+            if system.any(change):
                 right_hand_side -= system.forces.tangent_times(tangent, change, system.scratch)[system.free]
         solves = 0
         if system.worth_solving(right_hand_side, end):
