@@ -50,13 +50,18 @@ class LocalProblem:
     balance_initial_stress: bool
     starts_loaded: bool
 
+    def law_of(self, index: int) -> Law:
+        """The law in a stage, as `Problem.law_of` has it."""
+        drained = self.stages[index].drained and hasattr(self.law, "drained")
+        return self.law.drained() if drained else self.law  # type: ignore[attr-defined,no-any-return]
+
 
 def divide(distribution: Distribution, problem: Problem | None) -> LocalProblem:
     """Give each rank its part of the problem that rank 0 has."""
     comm = distribution.comm
     head: Any = None
     if problem is not None:
-        names = [Stage(stage.name, [], stage.increments, stage.keep) for stage in problem.stages]
+        names = [Stage(stage.name, [], stage.increments, stage.keep, stage.drained) for stage in problem.stages]
         head = (
             problem.law,
             names,
