@@ -16,7 +16,6 @@ from typing import Any
 
 import numba
 
-
 MEASURING = "inputs"
 """Room that looks at packings and at small probes of copies, and decides about no motion but theirs."""
 

@@ -10,7 +10,8 @@ zero is lost. With P = p/p_0, in units of f_0 throughout:
     N(theta) = (1 + a_c(0).e) exp(-Lambda - Lambda^2/2) [1 + beta (1 - exp(-g G))],    G = E[max(D, 0)] + R
     z = z(0) <N>,    a_c = 2 <N e>/<N>,    g = P_xi0 f_0/(2 kn r),    beta = (z_nb - z(0))/z(0)
     R = chi_p (P - 1) (1 - P^-a) where P > 1, else 0
-    S^2 = (c_e |D_1|)^2 + (c_p D_0)^2 + (P^(1-a) S_i m/(m + L))^2,    m = max |s|,    S_i = c_i m^2,   expectations over S
+    S^2 = (c_e |D_1|)^2 + (c_p D_0)^2 + (P^(1-a) S_i m/(m + L))^2,   expectations over S
+    S_i = c_i m^2,    m = max |s|,    L as in `tangential_force`
 
 Forces are counted in units of the initial mean force because that is what the density P0 is known for: when the
 pressure has fallen to half, forces have come closer to zero by half of that mean, not by all of the present one. What a
@@ -18,10 +19,10 @@ shift reaches by then has been pushed together by the pressure, or spread by a h
 of its change, so that weak forces are stretched by P^a, with a measured as their response grows with the force. Where
 the pressure rises everything that shifts them is reached through that stretch. Where it falls, contacts that come
 close to opening feel less and less of the change, and the isotropic loss stays in proportion to it. What slip leaves
-behind is delayed by a grown pressure as slip itself is, by L (`tangential_force`). The fraction phi of weak contacts follows the mean change of their direction; the others, on particles with three
-contacts mostly, do not feel the direction at all. V = p Y is what the packing carried before anything was
-loaded, ``-chi p_0 A_0``, and stays: the force that all initial contacts of a direction carry is p (1 + A.e), by the
-stress. So z and a_c are functions of stress and of the largest |s|, whatever the path.
+behind is delayed by a grown pressure as slip itself is, by L. The fraction phi of weak contacts follows the mean change
+of their direction; the others, on particles with three contacts mostly, do not feel the direction at all. V = p Y is
+what the packing carried before anything was loaded, ``-chi p_0 A_0``, and stays: the force that all initial contacts of
+a direction carry is p (1 + A.e), by the stress. So z and a_c are functions of stress and of the largest |s|, whatever the path.
 
 A density loses exactly the fraction Lambda; ``exp(-Lambda - Lambda^2/2)`` is that up to the third order and stays
 positive. Of the pairs of neighbours that are still open, (z_nb - z)/z a contact, the same fraction closes at every step

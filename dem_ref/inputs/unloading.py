@@ -59,7 +59,7 @@ def shift_that_loses(fraction: float, p0: float, slope: float) -> float:
 def isostatic_coordination(z: tuple[float, float], counted: float, shear: tuple[Measured, Measured]) -> Measured:
     """Coordination number at which the shear modulus vanishes, from its values before and after an unloading.
 
-    What the modulus is over its uniform-strain estimate, G/z up to a constant, falls on a straight line in z. Disks with
+    The modulus over its uniform-strain estimate, G/z up to a constant, falls on a straight line in z. Disks with
     friction 0.5 and kt = kn stay within 0.03 of it between the initial pressure and a tenth of it, and the line ends at
     z = 3.0 to 3.1 counted without rattlers, where theory has 3; counted with them that is 2.4 to 2.5.
 

@@ -496,8 +496,8 @@ def test_sentences_of_the_audit() -> None:
     ]  # fmt: skip
     assert effects_audit.messages(audit, scene)[-1].startswith("audit: q/p reaches 0.31 without sliding; beyond 0.25")
     # friction 0.2 is used up earlier; where it carries more, or does not slip at all, the usual bound stays
-    for slip, known in ((2.3, "beyond 0.17, tangential_force_ratio/(2 slip), tangential forces"), (1.0, "beyond 0.25 s"),
-                        (0.0, "beyond 0.25 s")):  # fmt: skip
+    used_up = "beyond 0.17, tangential_force_ratio/(2 slip), tangential forces"
+    for slip, known in ((2.3, used_up), (1.0, "beyond 0.25 s"), (0.0, "beyond 0.25 s")):
         scene.closure = Closure(force_change="shifted_distribution", tangential_force_ratio=0.78, slip=slip)
         assert f"q/p reaches 0.31 without sliding; {known}" in effects_audit.messages(audit, scene)[-1]
     scene.closure = Closure(force_change="shifted_distribution", slip=2.3)

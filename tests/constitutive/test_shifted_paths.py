@@ -206,7 +206,10 @@ def test_no_gain_where_no_neighbour_is_left():
 
 @pytest.mark.parametrize("gradient", [0.0, 0.5, 0.85, 1.0])
 def test_what_a_rising_pressure_loses_and_how_it_is_stretched(gradient):
-    """z = z0 exp(-L), L = P0 c_p D (phi(u) - u Phi(-u)), u = 1/c_p, D = chi_p (P - 1)/P^a: disks stop losing at 2 p0."""
+    """z = z0 exp(-L), L = P0 c_p D (phi(u) - u Phi(-u)), u = 1/c_p, D = chi_p (P - 1)/P^a.
+
+    Disks lose next to nothing, and stop losing at 2 p0.
+    """
     closure = replace(CLOSURES["no_scatter"], elastic_scatter_isotropic=0.35, weak_contact_gradient=gradient)
     ratio = np.array([1.5, 4.0, 20.0, 300.0])
     legs = [Leg(target=(-PRESSURE * p, -PRESSURE * p, 0.0), increments=2) for p in ratio]

@@ -771,7 +771,8 @@ def test_an_unloading_of_a_packing_counts_what_it_loses(packing, monkeypatch):
     assert asked == 4 * [(True, pytest.approx(-0.6 * p), 0.0), (False, pytest.approx(-0.2 * p), 0.0)]
     assert probed == 4 * [unloaded.sample, softened.sample]
     # c_t that has grown loses nothing, one that is not there tells nothing
-    assert measure_unloading(packing, density, Measured(0.0, 0.1), Measured(0.5, 0.01), MODULUS).tangential_loss.value == 0.0
+    grown = measure_unloading(packing, density, Measured(0.0, 0.1), Measured(0.5, 0.01), MODULUS)
+    assert grown.tangential_loss.value == 0.0
     nothing = measure_unloading(packing, density, Measured(0.0, 0.1), Measured(0.0, 0.0), MODULUS).tangential_loss
     assert np.isnan(nothing.value) and np.isnan(nothing.error)
     no_line = measure_unloading(packing, Measured(0.0, 0.1), Measured(0.0, 0.1), c_t, MODULUS)

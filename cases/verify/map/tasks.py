@@ -215,11 +215,11 @@ class MapStore:
 
     def inputs(self) -> Done:
         """Measure the inputs of the point law, unless that was done."""
-        table = None
+        table: dict[str, Any] = {}
         with suppress(OSError, ValueError):
             table = files.read_json(self.path(self._inputs))
-        if table is None and self._plain is not None:
-            table = self._plain.notes(self.seed).get("measured")
+        if not table and self._plain is not None:
+            table = self._plain.notes(self.seed).get("measured", {})
         if from_data(table).values:
             return Done(table, computed=False)
         table = as_data(measure_inputs(self._given_packing()))
