@@ -22,7 +22,8 @@ close to opening feel less and less of the change, and the isotropic loss stays 
 behind is delayed by a grown pressure as slip itself is, by L. The fraction phi of weak contacts follows the mean change
 of their direction; the others, on particles with three contacts mostly, do not feel the direction at all. V = p Y is
 what the packing carried before anything was loaded, ``-chi p_0 A_0``, and stays: the force that all initial contacts of
-a direction carry is p (1 + A.e), by the stress. So z and a_c are functions of stress and of the largest |s|, whatever the path.
+a direction carry is p (1 + A.e), by the stress. So z and a_c are functions of stress and of the largest |s|, whatever
+the path.
 
 A density loses exactly the fraction Lambda; ``exp(-Lambda - Lambda^2/2)`` is that up to the third order and stays
 positive. Of the pairs of neighbours that are still open, (z_nb - z)/z a contact, the same fraction closes at every step
