@@ -22,6 +22,7 @@ from granfabric.constitutive.lanes.eight import LANES_OF_KERNELS
 from granfabric.constitutive.network.force_fabric import initial_force_fabric
 from granfabric.constitutive.network.point import Options
 from granfabric.constitutive.network.rates import MeanField
+from granfabric.constitutive.network.slip_memory import initially_held, slip_classes, slip_directions
 from granfabric.constitutive.network.weak_force_state import ShiftedDistribution
 from granfabric.constitutive.sliding.checks import check_sliding, initial_hardening
 
@@ -38,7 +39,7 @@ from .parameters import (
     parameter_table,
     rows_of,
 )
-from .state import micro_of_columns, state_variables
+from .state import micro_of_columns, remembers, state_variables
 from .threads import run_in_threads
 
 _TANGENTS = {
@@ -100,7 +101,8 @@ class ContactLaw:
                 check_sliding(material)
         # a network that cannot change needs no closure
         shifted = self.closure.force_change == "shifted_distribution" and self.effects.network_changes
-        self._variables = state_variables(self.effects, shifted)
+        self._remembers = remembers(self.effects, self.closure)
+        self._variables = state_variables(self.effects, shifted, self._remembers)
         self._micro = micro_of_columns(self._variables)
         self._nstate = len(self._micro)
         follow = self.effects.stiffness_feedback or not self.effects.network_changes
@@ -125,7 +127,8 @@ class ContactLaw:
         along = (max(12, around) + 1) // 2
         half = np.pi * (np.arange(along) + 0.5) / along
         nodes, weights = np.polynomial.legendre.leggauss(self.integration.directions)
-        self._rule = (nodes, weights, np.cos(circle), np.sin(circle), np.cos(half))
+        held = slip_directions(self.effects.principal_rotation), slip_classes(*self._slip)
+        self._rule = (nodes, weights, np.cos(circle), np.sin(circle), np.cos(half), *held)
 
     def _closure_of_kernels(self, entropy: bool) -> MeanField | ShiftedDistribution:
         """Numbers of the closure, of the type for which a kernel is compiled."""
@@ -133,6 +136,7 @@ class ContactLaw:
         if closure.force_change == "shifted_distribution" and self.effects.network_changes:
             return ShiftedDistribution(
                 frictional=closure.tangential_rule == "frictional",
+                remembers=self._remembers,
                 chi=float(closure.weak_contact_ratio),
                 following=min(1.0, max(LEAST_FOLLOWING, float(closure.weak_contact_ratio))),
                 chi_p=float(closure.weak_contact_ratio_isotropic),
@@ -157,6 +161,11 @@ class ContactLaw:
             chi=float(closure.weak_contact_ratio) if scattered else 1.0,
             c_w=float(closure.fluctuation) if scattered else 0.0,
         )
+
+    @property
+    def _slip(self) -> tuple[float, float]:
+        """c_t and k."""
+        return float(self.closure.tangential_force_ratio), float(self.closure.slip)
 
     def _check_fabric(self, name: str, xx: float, xy: float) -> None:
         magnitude = float(np.hypot(xx, xy))
@@ -240,6 +249,8 @@ class ContactLaw:
             "reference_fabric": fabric,
             "largest_stress_ratio": np.hypot(s[:, 0], s[:, 1]),
         }
+        if self._remembers:
+            values |= initially_held(s, *self._slip, self.effects.principal_rotation)
         if self.effects.sliding:
             values["hardening_strain"], values["plastic_shear_strain"] = initial_hardening(table, stress)
         state = np.zeros((npt, self.description.nstate))
@@ -278,13 +289,7 @@ class ContactLaw:
             return c_n * s, 2.0 * s - fabric - c_n * s, np.ones(len(s))
         normal, tangential, mu = np.zeros_like(s), np.zeros_like(s), np.ones(len(s))
         initial_force_fabric(
-            np.ascontiguousarray(s),
-            np.ascontiguousarray(fabric),
-            float(self.closure.tangential_force_ratio),
-            float(self.closure.slip),
-            normal,
-            tangential,
-            mu,
+            np.ascontiguousarray(s), np.ascontiguousarray(fabric), *self._slip, normal, tangential, mu
         )
         return normal, tangential, mu
 

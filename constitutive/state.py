@@ -13,6 +13,7 @@ from .material_table import (
     M_F,
     M_GAINED,
     M_GAMMA,
+    M_HELD,
     M_KAPPA,
     M_LARGEST_S,
     M_LOST,
@@ -24,16 +25,25 @@ from .material_table import (
     M_Z_REF,
     MICRO,
 )
+from .network.slip_memory import CLASSES, DIRECTIONS, name_of
+from .parameters import Closure
 
 _ALONG = "component(s) in the double-angle plane"
 
 
-def state_variables(effects: Effects, shifted: bool = False) -> tuple[Variable, ...]:
+def remembers(effects: Effects, closure: Closure) -> bool:
+    """Whether a law follows what tangential forces contacts hold."""
+    shifted = closure.force_change == "shifted_distribution"
+    return effects.tangential_memory and effects.network_changes and shifted and closure.slips
+
+
+def state_variables(effects: Effects, shifted: bool = False, remembering: bool = False) -> tuple[Variable, ...]:
     """Declaration of the state columns for an effect set.
 
     Without `principal_rotation` vectors have one component (along the x-y axes); what is gained or lost is counted only
     if that effect is on; a reference state is kept only
-    where the network changes but the stiffness does not, or the closure follows the weak forces (`shifted`).
+    where the network changes but the stiffness does not, or the closure follows the weak forces (`shifted`); what
+    contacts hold if they remember (`remembering`).
     """
     components = 2 if effects.principal_rotation else 1
     variables = [
@@ -77,6 +87,17 @@ def state_variables(effects: Effects, shifted: bool = False) -> tuple[Variable, 
             Variable("plastic_volumetric_strain", "plastic eps_xx + eps_yy, dilation positive", default=0.0),
             Variable("plastic_dissipation", "plastic work per volume", "Pa", lower=0.0, default=0.0),
         ]
+    if remembering:
+        variables += [
+            Variable(
+                name_of(number, angle),
+                f"stress ratio that slip class {number + 1} holds in the double-angle direction {angle} degrees",
+                lower=-2.0,
+                upper=2.0,
+            )
+            for number in range(CLASSES)
+            for angle in DIRECTIONS[: components + 1]
+        ]
     return tuple(variables)
 
 
@@ -100,6 +121,11 @@ _MICRO_OF = {
     "plastic_shear_strain": (M_GAMMA,),
     "plastic_volumetric_strain": (M_GAMMA + 1,),
     "plastic_dissipation": (M_GAMMA + 2,),
+    **{
+        name_of(number, angle): (M_HELD + len(DIRECTIONS) * number + place,)
+        for number in range(CLASSES)
+        for place, angle in enumerate(DIRECTIONS)
+    },
 }
 
 
