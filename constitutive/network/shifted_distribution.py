@@ -184,9 +184,7 @@ def network_of(
     found = abs(x1) + abs(x2) < 1e6
     if closure.remembers:
         first = (t, t_by_s, t_by_p)
-        t, t_by_s, t_by_p = with_memory(
-            closure, weak, s1, s2, first, numbers, numbers_by_p, start, rule, inputs, lanes
-        )
+        t, t_by_s, t_by_p = with_memory(weak, s1, s2, first, numbers, numbers_by_p, start, rule, inputs, lanes)
     iteration = 0
     while True:
         size = math.sqrt(x1 * x1 + x2 * x2)

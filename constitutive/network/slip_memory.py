@@ -14,12 +14,12 @@ stress,
     e_ij = tau_j + (e_ij - tau_j)(start) max(P(start), 1)/max(P, 1),  within [-r_i, r_i]
 
 so that a first loading is exactly what it is without memory. Averaged over directions thresholds of the density
-``2 k'/c_t`` from 0 to ``c_t/(2 k')`` make ``c_t s - k s^2`` with ``k' = (3 pi/8) k``. Three classes stand for them; those
-beyond `LARGEST_THRESHOLD` hold at every stress ratio that grains carry.
+``2 k'/c_t`` from 0 to ``c_t/(2 k')`` make ``c_t s - k s^2`` with ``k' = (3 pi/8) k``. Three classes stand for them;
+those beyond `LARGEST_THRESHOLD` hold at every stress ratio that grains carry.
 
-Where the pressure grows thresholds do as well, ``r (r + L)`` for ``r^2``, and the slip that there is stays what it is as
-a force: over the mean force it fades. Where it falls below the initial one they shrink with the stress ratio at which
-|a_t| is largest, ``c_t/(2 k)``, and what is held shrinks with them.
+Where the pressure grows thresholds do as well, ``r (r + L)`` for ``r^2``, and the slip that there is stays what it is
+as a force: over the mean force it fades. Where it falls below the initial one thresholds stay, so that a first loading
+remains a function of the state whether the pressure falls before, with or after the deviator.
 
 An increment goes straight in s: what turns within one is not seen. Between, elements depend on the ends alone, so that
 the number of substeps does not matter and the tangent is exact.
@@ -82,15 +82,6 @@ def name_of(number: int, direction: int) -> str:
 
 
 @formula
-def shrinking(closure, numbers, numbers_by_p):
-    """Factor on thresholds where the pressure has fallen, and its derivative by ln p."""
-    c_t, k, _ = numbers
-    inverse = 1.0 / larger(k, 1e-300)
-    shrink = c_t * closure.slip * inverse / closure.c_t
-    return shrink, (numbers_by_p[0] * closure.slip / closure.c_t - shrink * numbers_by_p[1]) * inverse
-
-
-@formula
 def fading(before, ratio):
     """Factor on slip where the pressure grows, and its derivative by ln p; `before` and `ratio` are p/p_0."""
     fade = larger(before, 1.0) / larger(ratio, 1.0)
@@ -104,12 +95,11 @@ def within(value, limit):
 
 
 @formula
-def with_memory(closure, weak, s1, s2, first, numbers, numbers_by_p, start, rule, inputs, lanes):
+def with_memory(weak, s1, s2, first, numbers, numbers_by_p, start, rule, inputs, lanes):
     """a_t and its derivatives with what contacts hold from before.
 
     Parameters
     ----------
-    closure : closures.ShiftedDistribution
     weak : WeakState
     s1, s2 : float
         Stress ratio.
@@ -131,13 +121,11 @@ def with_memory(closure, weak, s1, s2, first, numbers, numbers_by_p, start, rule
     directions, classes = rule[5], rule[6]
     (t1, t2), (t11, t12, t22), (p1, p2) = first
     c_t, _, delay = numbers
-    shrink, shrink_by_p = shrinking(closure, numbers, numbers_by_p)
     fade, fade_by_p = fading(start[2], weak.ratio)
     for i in range(classes.shape[0]):
         r, share = classes[i, 0], classes[i, 1]
-        root = math.sqrt(r * (r + delay))
-        limit = shrink * root
-        limit_by_p = shrink_by_p * root + shrink * (0.5 * r * numbers_by_p[2]) / larger(root, 1e-300)
+        limit = math.sqrt(r * (r + delay))
+        limit_by_p = 0.5 * r * numbers_by_p[2] / larger(limit, 1e-300)
         for j in range(directions.shape[0]):
             c, d, weight = directions[j, 0], directions[j, 1], directions[j, 2] * share
             tau, before = c * s1 + d * s2, c * start[0] + d * start[1]
@@ -157,16 +145,15 @@ def with_memory(closure, weak, s1, s2, first, numbers, numbers_by_p, start, rule
 
 
 @formula
-def keep_held(closure, weak, start, numbers, numbers_by_p, rule, inputs, ends, lanes):
+def keep_held(weak, start, delay, rule, inputs, ends, lanes):
     """What classes hold at the end of an increment, into the rows of `ends`, whose stress is there already."""
     directions, classes = rule[5], rule[6]
     p, t_1, t_2 = invariants(read(ends, MICRO, lanes), read(ends, MICRO + 1, lanes), read(ends, MICRO + 2, lanes))
     s1, s2 = t_1 / p, t_2 / p
-    shrink, _ = shrinking(closure, numbers, numbers_by_p)
     fade, _ = fading(start[2], weak.ratio)
     for i in range(classes.shape[0]):
         r = classes[i, 0]
-        limit = shrink * math.sqrt(r * (r + numbers[2]))
+        limit = math.sqrt(r * (r + delay))
         for j in range(directions.shape[0]):
             c, d = directions[j, 0], directions[j, 1]
             row = M_HELD + 3 * i + j

@@ -225,8 +225,8 @@ def leave(closure, inputs, ends, point, p, network, y, largest, rule, lanes):
         write(ends, M_T2, network.tangential2, lanes)
     if closure.remembers:
         start = (point.start_s1, point.start_s2, point.start_p * weak.ratio / p)
-        numbers, numbers_by_p = slip_numbers(closure, weak, point.p_zero)
-        keep_held(closure, weak, start, numbers, numbers_by_p, rule, inputs, ends, lanes)
+        numbers, _ = slip_numbers(closure, weak, point.p_zero)
+        keep_held(weak, start, numbers[2], rule, inputs, ends, lanes)
 
 
 @formula
