@@ -135,8 +135,8 @@ class ContactLaw:
         closure = self.closure
         if closure.force_change == "shifted_distribution" and self.effects.network_changes:
             return ShiftedDistribution(
-                frictional=closure.tangential_rule == "frictional",
                 remembers=self._remembers,
+                frictional=closure.tangential_rule == "frictional",
                 chi=float(closure.weak_contact_ratio),
                 following=min(1.0, max(LEAST_FOLLOWING, float(closure.weak_contact_ratio))),
                 chi_p=float(closure.weak_contact_ratio_isotropic),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.constitutive.network.slip_memory import CLASSES, DIRECTIONS, name_of
+
 from .contract import Variable
 from .effects import Effects
 from .material_table import (
@@ -25,7 +27,6 @@ from .material_table import (
     M_Z_REF,
     MICRO,
 )
-from .network.slip_memory import CLASSES, DIRECTIONS, name_of
 from .parameters import Closure
 
 _ALONG = "component(s) in the double-angle plane"
