@@ -27,6 +27,7 @@ from granfabric.cases.scene.effects_choice import EffectSet
 from granfabric.cases.scene.material_file import closure_table, material_text, refusal
 from granfabric.cases.scene.measured import Inputs, as_data
 from granfabric.cases.scene.schema_closed_form import ClosedForm, HoleInPlate
+from granfabric.cases.scene.schema_law import ClosureSection
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.constitutive.effects import Effects
 from granfabric.constitutive.parameters import CLOSURE_NUMBERS, Closure, Material
@@ -478,7 +479,7 @@ def test_sentences_of_the_audit() -> None:
 
     scene: Any = SimpleNamespace(
         effects=SimpleNamespace(tolerance=0.01, **dict.fromkeys(Effects.names(), False)), accuracy=None,
-        closure=SimpleNamespace(force_change="mean_field"),
+        closure=ClosureSection(force_change="mean_field"),
     )  # fmt: skip
     for quantity, words in (
         ("stress", "stress over p by up to 4.0e-01"), ("strain", "strain by up to 4.0e-01"),
