@@ -22,7 +22,7 @@ from granfabric.constitutive.lanes.eight import LANES_OF_KERNELS
 from granfabric.constitutive.network.force_fabric import initial_force_fabric
 from granfabric.constitutive.network.point import Options
 from granfabric.constitutive.network.rates import MeanField
-from granfabric.constitutive.network.slip_memory import initially_held, slip_classes, slip_directions
+from granfabric.constitutive.network.slip_memory import initially_held, slip_classes
 from granfabric.constitutive.network.weak_force_state import ShiftedDistribution
 from granfabric.constitutive.sliding.checks import check_sliding, initial_hardening
 
@@ -127,8 +127,8 @@ class ContactLaw:
         along = (max(12, around) + 1) // 2
         half = np.pi * (np.arange(along) + 0.5) / along
         nodes, weights = np.polynomial.legendre.leggauss(self.integration.directions)
-        held = slip_directions(self.effects.principal_rotation), slip_classes(*self._slip)
-        self._rule = (nodes, weights, np.cos(circle), np.sin(circle), np.cos(half), *held)
+        slips = slip_classes(*self._slip)
+        self._rule = (nodes, weights, np.cos(circle), np.sin(circle), np.cos(half), slips)
 
     def _closure_of_kernels(self, entropy: bool) -> MeanField | ShiftedDistribution:
         """Numbers of the closure, of the type for which a kernel is compiled."""
@@ -136,6 +136,7 @@ class ContactLaw:
         if closure.force_change == "shifted_distribution" and self.effects.network_changes:
             return ShiftedDistribution(
                 remembers=self._remembers,
+                turns=self.effects.principal_rotation,
                 frictional=closure.tangential_rule == "frictional",
                 chi=float(closure.weak_contact_ratio),
                 following=min(1.0, max(LEAST_FOLLOWING, float(closure.weak_contact_ratio))),
@@ -250,7 +251,7 @@ class ContactLaw:
             "largest_stress_ratio": np.hypot(s[:, 0], s[:, 1]),
         }
         if self._remembers:
-            values |= initially_held(s, *self._slip, self.effects.principal_rotation)
+            values |= initially_held(s, *self._slip)
         if self.effects.sliding:
             values["hardening_strain"], values["plastic_shear_strain"] = initial_hardening(table, stress)
         state = np.zeros((npt, self.description.nstate))

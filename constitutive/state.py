@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from granfabric.constitutive.network.slip_memory import CLASSES, DIRECTIONS, name_of
+from granfabric.constitutive.network.slip_memory import NAMES
 
 from .contract import Variable
 from .effects import Effects
@@ -91,13 +91,13 @@ def state_variables(effects: Effects, shifted: bool = False, remembering: bool =
     if remembering:
         variables += [
             Variable(
-                name_of(number, angle),
-                f"stress ratio that slip class {number + 1} holds in the double-angle direction {angle} degrees",
+                name,
+                f"stress ratio that slip class {number} holds, {_ALONG}",
+                components=components,
                 lower=-2.0,
                 upper=2.0,
             )
-            for number in range(CLASSES)
-            for angle in DIRECTIONS[: components + 1]
+            for number, name in enumerate(NAMES, 1)
         ]
     return tuple(variables)
 
@@ -122,11 +122,7 @@ _MICRO_OF = {
     "plastic_shear_strain": (M_GAMMA,),
     "plastic_volumetric_strain": (M_GAMMA + 1,),
     "plastic_dissipation": (M_GAMMA + 2,),
-    **{
-        name_of(number, angle): (M_HELD + len(DIRECTIONS) * number + place,)
-        for number in range(CLASSES)
-        for place, angle in enumerate(DIRECTIONS)
-    },
+    **{name: (M_HELD + 2 * number, M_HELD + 2 * number + 1) for number, name in enumerate(NAMES)},
 }
 
 

@@ -288,8 +288,8 @@ def update_points(first, end, lanes, call, closure, options, numerics, scheme, r
     scheme : tuple of ndarray
         a, b and error weights of the Runge-Kutta pair.
     rule : tuple of ndarray
-        Gauss-Legendre nodes and weights; cosines and sines of the circle, cosines of half of it; directions and classes
-        of `network.slip_memory`.
+        Gauss-Legendre nodes and weights; cosines and sines of the circle, cosines of half of it; classes of
+        `network.slip_memory`.
     """
     blocks, slides = np.zeros(1, BLOCK), np.zeros(1, SLIDE)
     advance_points(first, end, lanes, blocks[0], call, closure, options, numerics, scheme, rule, slides[0])

@@ -155,7 +155,8 @@ def network_of(
         a_n, if it follows from s alone, and c_n its derivative by s.
     closure : closures.ShiftedDistribution
     start, rule, inputs, lanes :
-        Entry 4 of the rule are the cosines of `moments_along`; the others see `slip_memory.with_memory`.
+        Entries 4 and 5 of the rule are the cosines of `moments_along` and slip classes; the others see
+        `slip_memory.with_memory`.
 
     Returns
     -------
@@ -182,9 +183,12 @@ def network_of(
     usable = (abs(x1) < 1e6) & (abs(x2) < 1e6)
     x1, x2 = choose(usable, x1, y[0]), choose(usable, x2, y[1])
     found = abs(x1) + abs(x2) < 1e6
+    skew = 0.0 * s1
     if closure.remembers:
         first = (t, t_by_s, t_by_p)
-        t, t_by_s, t_by_p = with_memory(weak, s1, s2, first, numbers, numbers_by_p, start, rule, inputs, lanes)
+        t, t_by_s, skew, t_by_p = with_memory(
+            weak, s1, s2, first, numbers, numbers_by_p, start, rule[5], inputs, lanes
+        )
     iteration = 0
     while True:
         size = math.sqrt(x1 * x1 + x2 * x2)
@@ -243,7 +247,9 @@ def network_of(
         x2 = choose(going, x2 - (step1 * e2 + step2 * e1), x2)
     # derivatives by ln p, s (2), Y (2), S_i: direct ones of <N>, <N e>, of A at fixed a_c, then those through X_1
     by_shift = with_initial_fabric(m_d, q1, q2)
-    a_by_s, a_by_p = carried_force_by_stress(f1, f2, a1, a2, mu, margin, turned(t_by_s, e1, e2), turn(t_by_p, e1, e2))
+    a_by_s, a_by_p = carried_force_by_stress(
+        f1, f2, a1, a2, mu, margin, turned(t_by_s, e1, e2), skew, turn(t_by_p, e1, e2)
+    )
     if not closure.frictional:
         a_by_s, a_by_p = (c_n, 0.0 * c_n, 0.0 * c_n, c_n), (0.0 * a1, 0.0 * a1)
     # with ln p everything that is not isotropic is stretched by P^(1-a)

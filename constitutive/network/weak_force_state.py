@@ -226,7 +226,8 @@ def leave(closure, inputs, ends, point, p, network, y, largest, rule, lanes):
     if closure.remembers:
         start = (point.start_s1, point.start_s2, point.start_p * weak.ratio / p)
         numbers, _ = slip_numbers(closure, weak, point.p_zero)
-        keep_held(weak, start, numbers[2], rule, inputs, ends, lanes)
+        turns = 1.0 if closure.turns else 0.0
+        keep_held(weak, start, numbers[2], turns, rule[5], inputs, ends, lanes)
 
 
 @formula
@@ -271,6 +272,8 @@ class ShiftedDistribution(NamedTuple):
     frictional: bool
     remembers: bool
     """Tangential forces depend on the way to the present stress."""
+    turns: bool
+    """The stress ratio has two components."""
     chi: float
     following: float
     """phi: fraction of weak contacts that follow the mean change of their direction."""
