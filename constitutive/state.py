@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from granfabric.constitutive.network.slip_memory import NAMES
 
 from .contract import Variable
+from .effective_stress import PORE_PRESSURE
 from .effects import Effects
 from .material_table import (
     M_A1,
@@ -99,6 +100,8 @@ def state_variables(effects: Effects, shifted: bool = False, remembering: bool =
             )
             for number, name in enumerate(NAMES, 1)
         ]
+    if effects.pore_fluid:
+        variables.append(PORE_PRESSURE)  # the last one, where `pore_fluid` finds it
     return tuple(variables)
 
 
@@ -127,7 +130,7 @@ _MICRO_OF = {
 
 
 def micro_of_columns(variables: tuple[Variable, ...]) -> NDArray[np.int64]:
-    """For each state column, the entry of the micro-state (see `load_lane`) that it holds.
+    """For each state column but a last one of pore pressure, the entry of the micro-state that it holds (`load_lane`).
 
     Returns
     -------
@@ -135,6 +138,8 @@ def micro_of_columns(variables: tuple[Variable, ...]) -> NDArray[np.int64]:
     """
     entries: list[int] = []
     for variable in variables:
+        if variable is PORE_PRESSURE:
+            continue  # no kernel of the skeleton knows of it
         entries += _MICRO_OF[variable.name][: variable.components]
     if len(set(entries)) != len(entries) or max(entries) >= MICRO:
         raise AssertionError("state columns overlap")
