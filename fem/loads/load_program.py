@@ -177,7 +177,8 @@ def _refuse_absent(space: Space, load: Load, body: Body, stage: str, constraints
         what = f"the support at {own}"
     else:
         assert isinstance(space, SpaceOfBody)
-        absent, what = not space.has_outside(load.boundary), f"the load on boundary {load.boundary!r}"
+        taken_back = not callable(load.value) and not np.any(load.value)  # of one that went with its part
+        absent, what = not (taken_back or space.has_outside(load.boundary)), f"the load on boundary {load.boundary!r}"
     if absent:
         raise LoadError(f"stage {stage!r}: {what} has nothing to act on: that part is not active in this stage")
 
