@@ -36,6 +36,7 @@ from granfabric.constitutive.path import PathHistory
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.loads.problem import Problem
 
+from .carried import Carried
 from .numbers import numbers, quantile
 from .probe import Paths, index_of, network_of_state
 from .sample import spread_over_area
@@ -104,12 +105,14 @@ class StressPaths:
         self._strain = [np.zeros((len(self.points), 3))]
         self._stress = [problem.initial_stress[self.points]]
         self._state = [problem.initial_state[self.points]]
+        self._carried = Carried(problem)
 
     def add(self, step: StepResult) -> None:
         """Keep a step."""
-        self._strain.append(step.strain[self.points])
-        self._stress.append(step.stress[self.points])
-        self._state.append(step.state[self.points])
+        strain, stress, state = self._carried(step)
+        self._strain.append(strain[self.points])
+        self._stress.append(stress[self.points])
+        self._state.append(state[self.points])
 
     def paths(self) -> tuple[Paths, Trial]:
         """The stress paths, and the outcome of the run along them."""

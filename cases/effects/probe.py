@@ -104,12 +104,13 @@ def field_paths(problem: Problem, control: StepControl) -> Paths:
     stride = 1 + (len(problem.stages) * most + 1) * problem.space.npoints // MOST_VALUES
     try:
         solution = LinearSolution(problem, system)
-        stiffness = system.material.tangent_start
         stresses = [problem.initial_stress[::stride]]
         strains = [np.zeros_like(stresses[0])]
         for stage in problem.stages:
-            change = solution.next_stage().strain[::stride]
-            response = np.einsum("pij,pj->pi", stiffness[::stride], change)
+            strain = solution.next_stage().strain
+            # where stages change the body: points that are not there do not change
+            change = system.of_space(strain)[::stride]
+            response = np.einsum("pij,pj->pi", system.of_space(system.material.tangent_start)[::stride], change)
             pieces = min(most, stage.increments)
             before, stress = strains[-1], stresses[-1]
             if not np.abs(response).max() > 1e-9 * np.abs(problem.initial_stress).max():

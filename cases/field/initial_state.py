@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,20 +12,69 @@ from granfabric.cases.records.field_history import invariants
 from granfabric.cases.scene import build
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.constitutive.law import ContactLaw
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.loads.geostatic import geostatic_stress
+from granfabric.fem.loads.kinds import LoadError, Stage
+from granfabric.fem.mesh.checks import MeshError
 
 from .random_field import random_field
 
 Array = NDArray[np.float64]
 
 
-def stress(loaded: LoadedScene, points: Array) -> Array:
-    """Initial stress, linear in place, shape (npt, 3) [Pa], tension positive.
+def stress(loaded: LoadedScene, space: Space, stages: Sequence[Stage]) -> Array:
+    """Initial stress, shape (npt, 3) [Pa], tension positive: linear in place, or from weight and surcharge.
 
     Raises
     ------
     InputError
-        If it is not compressive in every direction everywhere.
+        If it is not compressive in every direction everywhere, or does not follow from the weight.
     """
+    initial = loaded.scene.initial
+    source = getattr(initial, "from")
+    if source == "stress":
+        return _linear(loaded, space.points)
+    try:
+        return geostatic_stress(space, stages, initial.k0, level=source == "weight")
+    except (LoadError, MeshError) as error:
+        raise loaded.error(["initial"], f'initial.from = "{source}": {error}') from error
+
+
+def refuse_beyond_law(
+    loaded: LoadedScene, law: ContactLaw, values: Array, material_index: NDArray[np.int32] | None
+) -> None:
+    """See that sliding admits the initial stress.
+
+    Raises
+    ------
+    InputError
+        With the values of K0 that it admits, if they gave the stress.
+    """
+    if not law.effects.sliding:
+        return
+    index = np.zeros(len(values), dtype=np.int64) if material_index is None else material_index
+    peak = np.array([material.peak_stress_ratio for material in law.materials])[index]
+    cohesion = np.array([material.apparent_cohesion for material in law.materials])[index]
+    pressure, deviator = invariants(values)
+    beyond = np.flatnonzero((pressure > 0.0) & (deviator >= peak * (pressure + cohesion)))
+    if not beyond.size:
+        return
+    point = int(beyond[0])
+    text = (
+        f"q/(p + c) = {deviator[point] / (pressure[point] + cohesion[point]):.4g} somewhere in it, but sliding admits "
+        f"less than material.peak_stress_ratio = {peak[point]:g}"
+    )
+    if getattr(loaded.scene.initial, "from") == "stress":
+        raise loaded.error(["initial", "stress"], f"initial.stress has {text}")
+    least = (1.0 - peak[point]) / (1.0 + peak[point])
+    raise loaded.error(
+        ["initial", "k0"],
+        f"initial.k0 gives {text}; without cohesion k0 has to lie between {least:.3g} and {1 / least:.3g}",
+    )
+
+
+def _linear(loaded: LoadedScene, points: Array) -> Array:
+    """Stress that is linear in place."""
     initial = loaded.scene.initial
     offset = points - np.asarray(initial.reference_point)
     rise = np.array([initial.stress_gradient_x, initial.stress_gradient_y])

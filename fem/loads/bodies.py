@@ -202,3 +202,8 @@ class SpaceOfBody(Space):
         """Whether each of the two elements of the facets is active, shape (2, n)."""
         beside = self.host_mesh.mesh.f2t[:, facets]
         return np.asarray((beside >= 0) & active[beside])
+
+
+def space_at(space: Space, body: Body | None) -> Space:
+    """Space on which the loads of a stage act."""
+    return space if body is None else SpaceOfBody(space, body.active)

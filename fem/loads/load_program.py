@@ -13,7 +13,7 @@ from granfabric.constitutive.arrays import ArrayError, finite
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.mesh.checks import MeshError
 
-from .bodies import Body, SpaceOfBody, bodies_of_stages
+from .bodies import Body, SpaceOfBody, bodies_of_stages, space_at
 from .kinds import (
     COMPONENTS,
     BodyForce,
@@ -100,7 +100,7 @@ class LoadProgram:
         body: Body | None = None
         for stage, following in zip(stages, bodies_of_stages(space, stages)):
             before, body = body, following
-            here = space if body is None else SpaceOfBody(space, body.active)
+            here = space_at(space, body)
             if stage.reset_displacements:
                 known = np.zeros(space.ndofs)
             if before is not None and body is not None and body.changes:

@@ -30,6 +30,7 @@ G = E / (2 * (1 + NU))
 K = G / (1 - 2 * NU)  # of the plane: lambda + G
 STRESS = (-100e3, -60e3, 0.0)
 FORM = HoleInPlate(radius=1.0, stress=list(STRESS))
+KIRSCH = closed_forms.traction(ClosedForm(hole_in_plate=FORM), 1.0)
 ROLLERS = [Fixed("bottom", ("y",)), Fixed("left", ("x",))]
 
 
@@ -56,7 +57,7 @@ def far(traction):
 def excavated(n):
     _, whole = plate_and_core(n)
     initial = Stage("initial", [*ROLLERS, *far(uniform)])
-    return run(whole, [initial, Stage("hole", far(closed_forms.traction(ClosedForm(hole_in_plate=FORM), 1.0)), 2, deactivate=["core"])])
+    return run(whole, [initial, Stage("hole", far(KIRSCH), 2, deactivate=["core"])])
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +69,7 @@ def test_excavation_is_the_release_of_a_boundary_pressure(coarse):
     space, steps = coarse
     alone, _ = plate_and_core(4)
     initial = Stage("initial", [*ROLLERS, *far(uniform), Traction("hole", uniform)])
-    release = [*far(closed_forms.traction(ClosedForm(hole_in_plate=FORM), 1.0)), Traction("hole", nothing)]
+    release = [*far(KIRSCH), Traction("hole", nothing)]
     other, others = run(alone, [initial, Stage("hole", release, 2)])
     for one, two in zip(steps, others):
         there = np.array([np.argmin(np.linalg.norm(space.nodes - place, axis=1)) for place in other.nodes])
