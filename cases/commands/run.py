@@ -134,11 +134,11 @@ def run_field(
         else:
             record.details["decision"] = effects_report.as_data(decision)
             effects_report.announce(decision, problem.law.description.linear_response, screen)
-        balance = initial_balance.Balance(problem)
+        balance = initial_balance.Balance(problem, getattr(loaded.scene.initial, "from") == "gravity")
         if earlier is not None:
             initial_balance.continue_from(balance, earlier, record)
         initial_balance.announce(balance, loaded, problem, record, screen)
-        report_body = BodyReport(problem, earlier)
+        report_body = BodyReport(problem, record, earlier)
         with (
             screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
             record.phase("run", watch),
@@ -155,7 +155,7 @@ def run_field(
                 def on_step(step: StepResult) -> None:
                     stress_paths.add(step)
                     initial_balance.report_release(balance, step, record, screen)
-                    report_body(step, record, screen)
+                    report_body(step, screen)
                     recorder(step)
 
                 summary = solve(

@@ -1,4 +1,4 @@
-"""What a field run says about stages that change the body: what goes, what comes, forces that fade and that are held."""
+"""What a field run says about stages that change the body: what goes, what comes, which forces fade."""
 
 from __future__ import annotations
 
@@ -22,17 +22,22 @@ class BodyReport:
     Parameters
     ----------
     problem : Problem
+    record : Record
+        What is told is recorded there too.
     earlier : dict, optional
         Record of the run to go on with.
     """
 
-    def __init__(self, problem: Problem, earlier: dict[str, Any] | None = None) -> None:
+    def __init__(self, problem: Problem, record: Record, earlier: dict[str, Any] | None = None) -> None:
+        self._record = record
         self._problem = problem
         kept = [entry for entry in (earlier or {}).get("body", []) if isinstance(entry, dict) and "stage" in entry]
         self.told: list[dict[str, Any]] = kept
+        if kept:
+            record.details["body"] = kept
         self._areas = cell_areas(problem.space.host_mesh) if problem.changes_body else np.zeros(0)
 
-    def __call__(self, step: StepResult, record: Record, screen: Screen) -> None:
+    def __call__(self, step: StepResult, screen: Screen) -> None:
         """Receive a step; say and record what its stage changes, if that has not been told."""
         if step.active is None or any(entry["stage"] == step.stage for entry in self.told):
             return
@@ -56,7 +61,7 @@ class BodyReport:
             "held": 0.0 if start.held is None else _sum(start.held),
         }
         self.told.append(entry)
-        record.details["body"] = self.told
+        self._record.details["body"] = self.told
         screen.say(_text(entry))
 
 
@@ -72,5 +77,7 @@ def _text(entry: dict[str, Any]) -> str:
             names = ", ".join(map(repr, entry[key]))
             said.append(f"{word} {names} ({entry[f'{key}_area']:.4g} m^2)")
     change = " and ".join(said) or "releases what is held from excavations"
+    if not said and entry["fading"] == 0.0:
+        return f'stage "{entry["stage"]}": its supports take over what is held from excavations'
     held = f", {entry['held']:.4g} N/m are held at its end" if entry["held"] > HELD * entry["fading"] else ""
     return f'stage "{entry["stage"]}" {change}; forces of {entry["fading"]:.4g} N/m fade over it{held}'

@@ -36,6 +36,8 @@ class Balance:
     Parameters
     ----------
     problem : Problem
+    settles : bool
+        The initial stress is an estimate which the first stage is to bring into equilibrium.
 
     Attributes
     ----------
@@ -45,7 +47,8 @@ class Balance:
         Forces that these supports had carried [N/m], by stage.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, settles: bool = False) -> None:
+        self._settles = settles
         self._problem = problem
         self.found: InitialImbalance = initial_imbalance(problem)
         self.stage = problem.stages[0].name
@@ -62,7 +65,7 @@ class Balance:
         Loads of a first stage that is not named "initial" come up while the imbalance fades out; if they balance the
         initial stress in the end, nothing happens in between.
         """
-        if self.referenced:
+        if self.referenced or self._settles:
             return False
         far = self.found.fraction > WARNED
         return far and (self.starts_loaded or self.found.fraction_at_end > WARNED)
@@ -77,7 +80,8 @@ class Balance:
         if self.referenced:
             return "constant reference forces balance it from the outset to the end (initial.balance = true)"
         if self.starts_loaded:
-            return f'it fades out over stage "{self.stage}"'
+            after = ", from whose end displacements count" if self._settles else ""
+            return f'it fades out over stage "{self.stage}"{after}'
         rest = self.found.fraction_at_end
         loads = "balance it" if rest <= WARNED else f"leave {percent(rest)} unbalanced"
         return (
@@ -142,10 +146,6 @@ def announce(balance: Balance, loaded: LoadedScene, problem: Problem, record: Re
     """Say and record how the initial state is balanced; say which loads are tensile, and which add to others."""
     record.details["initial_imbalance"] = balance.as_data()
     screen.say(balance.text())
-    if getattr(loaded.scene.initial, "from") == "gravity" and len(loaded.scene.stage) > 1:
-        screen.say(
-            f'displacements and strains count from the end of stage "{balance.stage}" (initial.from = "gravity")'
-        )
     slips = (*unheld(loaded, problem), *unchanged(loaded, problem), *soft(loaded, problem), *pulling(loaded, problem))
     for text in (*slips, *adding(loaded, problem.space.host_mesh)):
         screen.say(text)

@@ -61,6 +61,8 @@ def inactive_at_outset(mesh: HostMesh, stages: Sequence[Stage]) -> Mask:
     ------
     MeshError
         If a stage names a region that the mesh does not have.
+    LoadError
+        If nothing is.
     """
     seen: set[str] = set()
     missing = np.zeros(mesh.mesh.t.shape[1], dtype=bool)
@@ -73,6 +75,8 @@ def inactive_at_outset(mesh: HostMesh, stages: Sequence[Stage]) -> Mask:
             if name not in seen and name in stage.activate:
                 missing[cells] = True
             seen.add(name)
+    if missing.all():
+        raise LoadError("every element is activated by a later stage, so that nothing is there at the outset")
     return missing
 
 
@@ -93,8 +97,6 @@ def bodies_of_stages(space: Space, stages: Sequence[Stage]) -> list[Body | None]
         return [None] * len(stages)
     mesh = space.host_mesh
     active = ~inactive_at_outset(mesh, stages)
-    if not active.any():
-        raise LoadError("every element is activated by a later stage, so that nothing is there at the outset")
     made: list[Body | None] = []
     reached = 1.0
     for number, stage in enumerate(stages):

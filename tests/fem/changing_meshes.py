@@ -26,9 +26,7 @@ def plate_and_core(n: int, radius: float = 1.0, size: float = 4.0) -> tuple[Host
         lines[name] = np.concatenate([lines[name], [[centre, near[0]]]])
     sides = (mesh.facets.T, alone.curved.p.T[len(points) : len(points) + mesh.facets.shape[1]])
     regions = {"plate": np.arange(len(cells)), "core": len(cells) + np.arange(len(fan))}
-    whole = build_mesh(
-        np.concatenate([points, [[0.0, 0.0]]]), np.concatenate([cells, fan]), lines, regions, sides
-    )
+    whole = build_mesh(np.concatenate([points, [[0.0, 0.0]]]), np.concatenate([cells, fan]), lines, regions, sides)
     return alone, whole
 
 
