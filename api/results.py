@@ -200,8 +200,9 @@ class Results:
         Returns
         -------
         ndarray, shape (nnodes,), (nnodes, 2) or (nnodes, 3)
-            Where stages change the body, at the nodes of what is there at the step (`nodes_at`). Tensors as xx, yy, xy, tension positive [Pa]; strain with the engineering shear; vectors of second
-            harmonics in the double-angle plane.
+            Tensors as xx, yy, xy, tension positive [Pa]; strain with the engineering shear; vectors of second
+            harmonics in the double-angle plane. Where stages change the body, at the nodes of what is there at the step
+            (`nodes_at`).
 
         Raises
         ------

@@ -101,10 +101,14 @@ def test_percent() -> None:
 def test_shipped_scenes_are_in_balance_or_say_what_balances_them(name: str) -> None:
     loaded = load(name)
     problem = prepare(loaded).problem
-    balance = Balance(problem)
+    balance = Balance(problem, getattr(loaded.scene.initial, "from") == "gravity")
     assert not balance.warned and pulling(loaded, problem) == []
     if name == "strip_footing":
         assert balance.found.fraction > 0.5 and "constant reference forces" in balance.text()
+    elif name == "slope":
+        assert balance.found.fraction > 0.2 and "from whose end displacements count" in balance.text()
+    elif name == "tunnel":  # three points do not integrate exactly over elements with a curved side
+        assert balance.found.fraction < 2e-5
     else:
         # measured: 2e-15 to 9e-14
         assert balance.found.fraction < 1e-12

@@ -95,7 +95,7 @@ def test_the_slope_is_as_its_text_says(tmp_path: Path) -> None:
     assert last.coordination_smallest["load"] == pytest.approx(3.02, abs=0.02)
 
 
-# initial stress from weight -------------------------------------------------------------------------------------------
+# initial stress from weight -----------------------------------------------------------------------------------------
 
 GROUND = """
 [material]
@@ -153,7 +153,7 @@ def test_level_ground_is_in_balance(ground: Path) -> None:
         (["initial.from='gravity'", "initial.balance=true"], "leave out balance"),
         (["stage.1.deactivate=['al']"], "the region 'al' is unknown (legal: all); the nearest is 'all'"),
         (["stage.1.deactivate=['all', 'all']"], "deactivate names region 'all' twice"),
-        (["stage.1.deactivate=['all']", "stage.1.activate=['all']"], "region 'all' is both in deactivate and in activate"),
+        (["stage.1.deactivate=['all']", "stage.1.activate=['all']"], "'all' is both in deactivate and in activate"),
         (["stage.1.deactivate=['all']"], 'stage 2 "more" deactivates everything that is left'),
         (["stage.1.activate=['all']"], "every element is activated by a later stage"),
         (["stage.1.release=1.5"], "release = 1.5 is outside its bounds [0, 1]"),
@@ -180,7 +180,7 @@ def test_sloping_ground_is_told_by_how_much(tmp_path: Path) -> None:
         prepare(loaded)
 
 
-# going on ---------------------------------------------------------------------------------------------------------------
+# going on -----------------------------------------------------------------------------------------------------------
 
 LAYERS = """
 [material]

@@ -367,7 +367,7 @@ def test_reference_forces_do_not_know_parts(tower):
         )
 
 
-# loads on new and on covered boundaries -------------------------------------------------------------------------------
+# loads on new and on covered boundaries -----------------------------------------------------------------------------
 
 
 def test_a_load_acts_on_the_side_that_is_there(plate):
