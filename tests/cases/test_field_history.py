@@ -46,7 +46,8 @@ def step(space: Space, **changed: Any) -> Any:
     values = {
         "step": 3, "stage": "press", "fraction": 0.25, "stress": stress, "strain": 1e-5 * random.normal(size=(n, 3)),
         "state": state, "iterations": 11, "factorisations": 2, "cuts": 1, "substeps": 130, "limited": 5,
-        "active": None, "displacement": random.normal(size=space.ndofs), "reactions": {"top": (1.5, -2.5), "bottom": (-1.0, 3.0)},
+        "displacement": random.normal(size=space.ndofs), "reactions": {"top": (1.5, -2.5), "bottom": (-1.0, 3.0)},
+        "active": None,
     }  # fmt: skip
     return SimpleNamespace(**{**values, **changed})
 

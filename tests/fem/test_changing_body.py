@@ -13,6 +13,7 @@ from granfabric.constitutive.effects import Effects
 from granfabric.constitutive.law import ContactLaw
 from granfabric.constitutive.parameters import Material
 from granfabric.fem.discretisation.assembly import ForceAssembler
+from granfabric.fem.discretisation.restricted import restricted_space
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.checkpoint import CheckpointFolder
 from granfabric.fem.equilibrium.results import StageStart
@@ -393,3 +394,21 @@ def test_a_kept_load_goes_with_what_it_acts_on(tower):
     first = Stage("a", [*SIDES, Pressure("top_3", 5.0)])
     steps, _ = run(tower, ELASTIC, [first, Stage("b", deactivate=["layer_3"])])
     assert np.abs(steps[-1].stress).max() < 1e-6 * np.abs(steps[0].stress).max()
+
+
+# a part as a space of its own ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_a_restricted_space_is_the_part(element):
+    space = Space(plate_and_core(3)[1], element)
+    active = np.zeros(space.nelements, dtype=bool)
+    active[space.host_mesh.cells("plate")] = True
+    active[5:9] = False
+    part = restricted_space(space, active)
+    assert np.array_equal(part.space.nodes, space.nodes[part.nodes])
+    assert np.allclose(part.space.points, space.points[part.points], rtol=0, atol=1e-15)
+    assert np.allclose(part.space.weights, space.weights[part.points], rtol=1e-13)
+    assert np.array_equal(part.nodes[part.space.element_nodes], space.element_nodes[part.cells])
+    assert not len(part.space.host_mesh.regions["core"])
+    assert len(part.space.host_mesh.regions["plate"]) == active.sum()
