@@ -187,7 +187,7 @@ class SpaceOfBody(Space):
             out = np.ones(len(inside))
             if np.any(traction(middle[0], middle[1], out, 0.0 * out)):
                 raise MeshError(
-                    f"boundary {name!r} lies inside the body here, so that a load on it has no outward side (one that an "
+                    f"boundary {name!r} lies inside the body, so that a load on it has no outward side (one that an "
                     "earlier stage left there has to be set to 0)"
                 )
         outer = there[0] != there[1]
