@@ -13,6 +13,8 @@ from granfabric.cases.records import files
 from granfabric.cases.records.record import Record
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.screen import Screen, spread
+from granfabric.constitutive.parameters import Material
+from granfabric.constitutive.pore_fluid import fluid_stiffness
 from granfabric.constitutive.stiffness import moduli_per_contact
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
@@ -96,6 +98,8 @@ def _displacement_error(scene: Any, space: Space, step: StepResult) -> float | N
     there: Any = slice(None) if step.active is None else step.active[fine.point_cell]
     bulk, shear = moduli(scene.material)
     x, y = fine.points[there].T
+    if scene.effects.pore_fluid is True and not scene.stage[-1].drained:
+        bulk += fluid_stiffness(Material(**scene.material.model_dump()))
     exact = closed_forms.displacement(scene.closed_form, x, y, bulk, shear)
     if exact is None:
         return None

@@ -61,6 +61,7 @@ def stages(scene: Any) -> list[Stage]:
                 loads,
                 part.increments,
                 part.keep,
+                part.drained,
                 deactivate=part.deactivate,
                 activate=part.activate,
                 release=part.release,
@@ -161,16 +162,17 @@ def prepare(loaded: LoadedScene) -> Prepared:
         raise loaded.error(["mesh"], f"mesh: {error}") from error
     point_index = None if index is None else index[space.point_cell]
     program = stages(scene)
-    stress = initial_state.stress(loaded, space, program)
-    initial_state.refuse_beyond_law(loaded, law, stress, point_index)
     try:
+        effective = initial_state.stress(loaded, space, program, law)
+        initial_state.refuse_beyond_law(loaded, law, effective, point_index)
+        stress, state = initial_state.with_water(loaded, law, space, program, effective, point_index)
         problem = Problem(
             space,
             law,
             program,
             initial_stress=stress,
             material_index=point_index,
-            initial_state=initial_state.random_state(loaded, law, space.points, stress, point_index),
+            initial_state=state,
             balance_initial_stress=scene.initial.balance,
         )
     except (LoadError, MeshError) as error:

@@ -79,6 +79,7 @@ class CoupledRun(Run):
             if resume is None:
                 begin_body(system, self._problem, index)
             system.constrain(terms.constrained)
+            system.material.law = self._problem.law_of(index)
         if memory is None:
             # A new stage turns the direction of loading, for which the last converged tangent is a bad guide.
             report = system.material.still_tangent(control.tangent_kind)

@@ -73,14 +73,21 @@ class LinearSolution:
         self._reference = np.zeros(problem.space.ndofs)
         self._held: Array | None = None
         self._done = 0
-        report = system.material.still_tangent("elastic")
-        if report.failed:
-            raise LinearSolutionError(f"the initial state has no stiffness: {system.worst(report)[1]}")
         # of all points, where the body changes; the material itself may be at another stage
-        self._stress = self._tangent = np.empty((0, 3))
-        if system.part is not None:
-            self._stress = system.of_space(system.material.stress_start)
-            self._tangent = system.of_space(system.material.tangent_start)
+        self._stress = np.empty((0, 3)) if system.part is None else system.of_space(system.material.stress_start)
+        self._ask_stiffness()
+
+    def _ask_stiffness(self) -> None:
+        report = self._system.material.still_tangent("elastic")
+        if report.failed:
+            raise LinearSolutionError(f"the initial state has no stiffness: {self._system.worst(report)[1]}")
+
+    def _use_law(self, index: int) -> None:
+        """Draining changes the stiffness: once a stage, and only where the one before was different."""
+        law = self._problem.law_of(index)
+        if law is not self._system.material.law:
+            self._system.material.law = law
+            self._ask_stiffness()
 
     def next_stage(self) -> StageSolution:
         """Solve the next stage.
@@ -97,6 +104,7 @@ class LinearSolution:
             if terms.stage.reset_displacements:
                 self._displacement = np.zeros(problem.space.ndofs)
             system.constrain(terms.constrained)
+            self._use_law(index)
             start = stage_start(problem, index, self._displacement, self._internal, self._reference, self._held)
         self._reference, self._held = start.reference, start.held
         tangent = system.material.tangent_start
@@ -105,7 +113,7 @@ class LinearSolution:
             change[terms.constrained] = target_displacement(terms, start) - start.displacement[terms.constrained]
             end = external_force(problem, index, start, 1.0)
             right_hand_side = (end - self._internal)[system.free]
-            if change.any():
+            if system.any(change):
                 right_hand_side -= system.forces.tangent_times(tangent, change, system.scratch)[system.free]
         solves = 0
         if system.worth_solving(right_hand_side, end):
@@ -128,17 +136,9 @@ class LinearSolution:
         problem, system = self._problem, self._system
         body, earlier = problem.program.terms[index].body, problem.program.terms[index - 1].body
         assert body is not None and earlier is not None and system.part is not None
-        points, stress, state = placed(problem, index)
-        if len(points):
-            rows = None if problem.material_index is None else problem.material_index[points]
-            tangent, spare = np.zeros((len(points), 3, 3)), np.empty_like(stress)
-            report = problem.law.update(
-                np.zeros_like(stress), stress, state, spare, np.empty_like(state), tangent, "elastic", rows
-            )
-            if report.failed:
-                raise LinearSolutionError(f"what stage {problem.stages[index].name!r} adds has no stiffness")
-            self._stress[points], self._tangent[points] = stress, tangent
-        system.material.still_tangent("elastic")  # for its report; the stiffness is that of the initial state
-        system.material.tangent_start[:] = self._tangent[system.part.points]
+        points, stress, _ = placed(problem, index)
+        self._stress[points] = stress
+        system.material.law = problem.law_of(index)
+        self._ask_stiffness()
         self._internal = system.forces.internal_force(self._stress[system.part.points], np.zeros(problem.space.ndofs))
         self._displacement = np.where(body.dofs & earlier.dofs, self._displacement, 0.0)

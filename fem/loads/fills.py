@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .bodies import Body
+from granfabric.fem.discretisation.space import Space
+
+from .bodies import Body, bodies_of_stages
 from .kinds import LoadError, Stage
 
 if TYPE_CHECKING:
@@ -22,20 +25,20 @@ def fill_stress(stage: Stage) -> Array:
     return np.array([-stage.fill_pressure, -stage.fill_pressure, 0.0])
 
 
-def points_of(problem: Problem, cells: NDArray[np.int64]) -> Points:
+def points_of(space: Space, cells: NDArray[np.int64]) -> Points:
     """Integration points of elements, ascending."""
-    points_per_cell = problem.space.points_per_cell
+    points_per_cell = space.points_per_cell
     return (cells[:, None] * points_per_cell + np.arange(points_per_cell)).ravel()
 
 
-def stress_with_fills(problem: Problem, given: Array) -> Array:
+def stress_with_fills(space: Space, stages: Sequence[Stage], given: Array) -> Array:
     """Initial stress, shape (npt, 3): as given where the body is from the outset, elsewhere that of the placement."""
     stress = given.copy()
-    first = _body(problem, 0)
-    for terms in reversed(problem.program.terms):  # the first placement counts
-        assert terms.body is not None
-        fresh = terms.body.placed[~first.active[terms.body.placed]]
-        stress[points_of(problem, fresh)] = fill_stress(terms.stage)
+    bodies = bodies_of_stages(space, stages)
+    for stage, body in zip(reversed(stages), reversed(bodies)):  # the first placement counts
+        if body is not None and bodies[0] is not None:
+            fresh = body.placed[~bodies[0].active[body.placed]]
+            stress[points_of(space, fresh)] = fill_stress(stage)
     return stress
 
 
@@ -50,7 +53,7 @@ def placed(problem: Problem, index: int) -> tuple[Points, Array, Array]:
     stress, state : ndarray, shapes (n, 3), (n, nstate)
     """
     body = _body(problem, index)
-    points = points_of(problem, body.placed)
+    points = points_of(problem.space, body.placed)
     stress = np.tile(fill_stress(problem.stages[index]), (len(points), 1))
     again = np.zeros(problem.space.nelements, dtype=bool)
     for earlier in range(index):

@@ -191,6 +191,8 @@ class Stage:
     keep : bool
         What an earlier stage set and this one does not name: if True it stays as it is; if False forces fade to zero
         and boundaries are released (their reactions fade to zero).
+    drained : bool
+        The law is the one without what drains, `law.drained()`; laws that have none stay as they are.
     deactivate, activate : sequence of str
         Regions that the stage takes away, and regions that it adds; see `granfabric.fem.loads.bodies`.
     release : float
@@ -207,6 +209,7 @@ class Stage:
     loads: Sequence[Load] = field(default_factory=list)
     increments: int = 1
     keep: bool = True
+    drained: bool = False
     deactivate: Sequence[str] = ()
     activate: Sequence[str] = ()
     release: float = 1.0

@@ -65,6 +65,7 @@ class Problem:
     ) -> None:
         self.space = space
         self.law = law
+        self._drained: Law = law.drained() if hasattr(law, "drained") else law
         self.stages = list(stages)
         self.program = LoadProgram(space, self.stages)
         refuse_loose_bodies(space, self.program.terms)
@@ -76,7 +77,7 @@ class Problem:
                     "constant reference forces that balance the initial stress do not tell which part of the body they "
                     "belong to; where stages change the body, loads and supports have to balance it"
                 )
-            self.initial_stress = stress_with_fills(self, self.initial_stress)
+            self.initial_stress = stress_with_fills(space, self.stages, self.initial_stress)
         nstate = law.description.nstate
         self.material_index: NDArray[np.int32] | None = None
         try:
@@ -101,6 +102,10 @@ class Problem:
     def changes_body(self) -> bool:
         """Whether a stage takes something away or adds something."""
         return self.program.terms[0].body is not None
+
+    def law_of(self, index: int) -> Law:
+        """The law in a stage: the problem's own, or what that is while water can leave."""
+        return self._drained if self.stages[index].drained else self.law
 
     @property
     def starts_loaded(self) -> bool:
