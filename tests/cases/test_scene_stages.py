@@ -12,6 +12,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
 import granfabric as gf
+from granfabric.cases.commands import hosts
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.records import files
 from granfabric.cases.scene.reader import load
@@ -303,3 +304,50 @@ def test_means_are_of_what_is_there(tmp_path: Path, granfabric: Callable) -> Non
     assert results.history.displacement_top_y.iloc[1] == 0.0 and results.history.displacement_top_y.iloc[-1] != 0.0
     # weight and load of the whole in the end
     assert results.history.reaction_bottom_y.iloc[-1] == pytest.approx(17e3 * 12 + 25e3 * 4, rel=1e-6)
+
+
+# with what else a scene may have --------------------------------------------------------------------------------------
+
+WATER = ("material.fluid_bulk_stiffness=2.2e9", "initial.water_level=3.0")
+
+
+def test_wet_ground_has_k0_of_what_the_grains_carry(ground: Path) -> None:
+    """Weight gives the total stress, water takes its part, the rest has K0; both are in balance."""
+    problem = prepare(load(str(ground), WATER)).problem
+    y = problem.space.points[:, 1]
+    pressure = 9810.0 * np.maximum(3.0 - y, 0.0)
+    total = -30e3 - 17e3 * (4.0 - y)
+    assert problem.initial_stress[:, 1] == pytest.approx(total, rel=1e-12)
+    assert problem.initial_stress[:, 0] == pytest.approx(0.7 * (total + pressure) - pressure, rel=1e-12)
+    assert initial_imbalance(problem).fraction < 1e-12
+    with pytest.raises(REFUSED, match="the pore pressure is not below the weight of what lies above"):
+        prepare(load(str(ground), [*WATER, "initial.water_level=9.0"]))
+
+
+def test_a_fill_of_a_random_packing_begins_under_its_pressure(tmp_path: Path) -> None:
+    layers_file(tmp_path)
+    scene = tmp_path / "layers.toml"
+    scene.write_text(LAYERS.replace("FEEDBACK", "true"))
+    random = "random_state={seed=1, standard_deviation=0.05, correlation_length=[1.0, 1.0]}"
+    problem = prepare(load(str(scene), [random])).problem
+    fill = np.isin(problem.space.point_cell, problem.space.host_mesh.cells("fill"))
+    z = problem.initial_state[fill][:, problem.law.description.columns("coordination")]
+    assert (problem.initial_stress[fill] == (-25e3, -25e3, 0.0)).all() and np.ptp(z) > 0.01
+
+
+def test_a_stress_that_is_given_need_not_hold_where_nothing_is(tmp_path: Path) -> None:
+    layers_file(tmp_path)
+    scene = tmp_path / "layers.toml"
+    text = LAYERS.replace("FEEDBACK", "true").replace('from = "weight"\nk0 = 0.7\n', "")
+    given = "stress = [-21e3, -30e3, 0.0]\nreference_point = [0.0, 2.0]\nstress_gradient_y = [11.9e3, 17e3, 0.0]\n"
+    scene.write_text(
+        text.replace("[initial]\n", f"[initial]\n{given}").replace("30e3", "10e3").replace("-21e3", "-7e3")
+    )
+    problem = prepare(load(str(scene))).problem  # at the top of the fill it would be tension
+    assert initial_imbalance(problem).fraction < 1e-12
+
+
+def test_the_other_host_refuses_what_it_cannot() -> None:
+    loaded = load("tunnel")
+    with pytest.raises(REFUSED, match=r'stage 2 "crown": the host .fenicsx. keeps the body as it is'):
+        hosts.check(object(), loaded, prepare(loaded).problem)  # type: ignore[arg-type]
