@@ -33,8 +33,8 @@ def tunnel(tmp_path_factory: pytest.TempPathFactory) -> gf.Results:
 def test_the_tunnel_settles_as_its_text_says(tunnel: gf.Results) -> None:
     last = tunnel.history.groupby("stage", sort=False).last()
     settlement = [-1e3 * tunnel.at(0.0, 0.0, int(step))["displacement_y"] for step in last.step]
-    assert settlement == pytest.approx([0.0, 0.259, 0.238, 0.602], abs=0.004)
-    assert 1e3 * tunnel.at(0.0, -3.999, int(last.step["crown"]))["displacement_y"] == pytest.approx(-0.347, abs=0.004)
+    assert settlement == pytest.approx([0.0, 0.258, 0.238, 0.600], abs=0.004)
+    assert 1e3 * tunnel.at(0.0, -3.999, int(last.step["crown"]))["displacement_y"] == pytest.approx(-0.344, abs=0.004)
     assert last.reaction_crown_wall_y["lining and building"] == pytest.approx(236e3, rel=0.01)
     assert last.coordination_smallest["lining and building"] == pytest.approx(2.95, abs=0.02)
     assert last.stress_ratio_largest["bench"] == pytest.approx(0.39, abs=0.01)
@@ -88,11 +88,11 @@ def test_the_slope_is_as_its_text_says(tmp_path: Path) -> None:
     assert results.record["initial_imbalance"]["fraction"] == pytest.approx(0.29, abs=0.01)
     assert not results.record["initial_imbalance"]["warned"]
     assert 1e3 * last.displacement_face_x["initial"] == pytest.approx(-0.197, abs=0.003)
-    assert 1e3 * last.displacement_load_y["load"] == pytest.approx(-0.486, abs=0.005)
-    assert 1e3 * last.displacement_face_x["load"] == pytest.approx(-0.069, abs=0.002)
+    assert 1e3 * last.displacement_load_y["load"] == pytest.approx(-0.485, abs=0.005)
+    assert 1e3 * last.displacement_face_x["load"] == pytest.approx(-0.068, abs=0.002)
     assert last.reaction_bottom_y["initial"] == pytest.approx(5072e3, rel=1e-6)
     assert last.reaction_bottom_y["load"] == pytest.approx(5222e3, rel=1e-6)
-    assert last.coordination_smallest["initial"] == pytest.approx(3.70, abs=0.01)
+    assert last.coordination_smallest["initial"] == pytest.approx(3.72, abs=0.01)
     assert last.coordination_smallest["load"] == pytest.approx(3.02, abs=0.02)
 
 
