@@ -37,6 +37,7 @@ from granfabric.constitutive.path import PathHistory
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.loads.problem import Problem
 
+from .carried import Carried
 from .numbers import numbers, quantile
 from .probe import Paths, index_of, network_of_state, pore_pressure_of
 from .sample import spread_over_area
@@ -106,13 +107,15 @@ class StressPaths:
         self._stress = [problem.initial_stress[self.points]]
         self._drained, self._drains = [False], {stage.name: stage.drained for stage in problem.stages}
         self._state = [problem.initial_state[self.points]]
+        self._carried = Carried(problem)
 
     def add(self, step: StepResult) -> None:
         """Keep a step."""
-        self._strain.append(step.strain[self.points])
-        self._stress.append(step.stress[self.points])
+        strain, stress, state = self._carried(step)
+        self._strain.append(strain[self.points])
+        self._stress.append(stress[self.points])
         self._drained.append(self._drains[step.stage])
-        self._state.append(step.state[self.points])
+        self._state.append(state[self.points])
 
     def paths(self) -> tuple[Paths, Trial]:
         """The stress paths, and the outcome of the run along them."""

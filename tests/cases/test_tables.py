@@ -344,7 +344,8 @@ def test_numbers_of_a_comparison(tmp_path: Path) -> None:
     space: Any = SimpleNamespace(points=points, weights=weights)
     loaded: Any = SimpleNamespace(scene=SimpleNamespace(closed_form=form, material=None, random_state=None))
     problem: Any = SimpleNamespace(space=space, initial_stress=initial)
-    found = comparison.compare(loaded, problem, SimpleNamespace(stress=initial + exact + wrong))  # type: ignore[arg-type]
+    step: Any = SimpleNamespace(stress=initial + exact + wrong, active=None)
+    found = comparison.compare(loaded, problem, step)
     expected = np.sqrt((weights[:, None] * wrong**2).sum() / (weights[:, None] * exact**2).sum())
     assert found.stress_error == pytest.approx(expected, rel=1e-12) and found.displacement_error is None
     line = {name: np.array(values) for name, values in found.line.items()}
