@@ -144,7 +144,14 @@ def run_field(
             history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
             try:
                 recorder = FieldRecorder(
-                    folder, problem, history, loaded.scene.output.every, advance, checkpoints, resumed
+                    folder,
+                    problem,
+                    history,
+                    loaded.scene.output.every,
+                    advance,
+                    checkpoints,
+                    resumed,
+                    loaded.scene.output.compression,
                 )
                 files.remove_unfinished(folder)
                 record.write()
@@ -155,16 +162,17 @@ def run_field(
                     initial_balance.report_release(balance, step, record, screen)
                     recorder(step)
 
-                summary = solve(
-                    problem,
-                    prepared.control,
-                    on_step=on_step,
-                    stop=stop,
-                    resume=resumed,
-                    on_checkpoint=recorder.save,
-                    clock=watch.clock,
-                )
-                recorder.close()
+                with recorder:
+                    summary = solve(
+                        problem,
+                        prepared.control,
+                        on_step=on_step,
+                        stop=stop,
+                        resume=resumed,
+                        on_checkpoint=recorder.save,
+                        clock=watch.clock,
+                    )
+                    recorder.close()
             except ControlError as error:
                 raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
             except (OutputError, OSError) as error:
@@ -172,6 +180,8 @@ def run_field(
             except KeyboardInterrupt as error:
                 raise record.broken_off("interrupted within a step") from error
         _finish(record, summary, stop.requested, balance)
+        record.timing["output"] += recorder.closing
+        record.timing["writer"] = recorder.writing
         if summary.failed_point is not None and record.outcome == "failed":
             write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
         record.timing["compilation"] = watch.seconds + waited

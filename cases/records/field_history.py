@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from granfabric.constitutive.contract import LawDescription
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
+from granfabric.fem.output.derived import pressure_and_deviator as invariants
 
 Array = NDArray[np.float64]
 
@@ -96,18 +97,3 @@ class FieldHistory:
         values += [float(self._weights @ coordination), float(coordination.min()), float(coordination.max())]
         values += [float(self._weights @ fabric), float(fabric.max()), float((deviators / pressures).max())]
         return values
-
-
-def invariants(stress: Array) -> tuple[Array, Array]:
-    """Mean pressure (compression positive) and deviator q = (s1 - s2)/2 [Pa].
-
-    Parameters
-    ----------
-    stress : ndarray, shape (n, 3)
-        xx, yy, xy, tension positive [Pa].
-
-    Returns
-    -------
-    p, q : ndarray, shape (n,)
-    """
-    return -(stress[:, 0] + stress[:, 1]) / 2, np.hypot((stress[:, 0] - stress[:, 1]) / 2, stress[:, 2])

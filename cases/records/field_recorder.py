@@ -1,11 +1,16 @@
-"""Receives the steps of a boundary-value problem: history, fields, checkpoints, progress."""
+"""Receives the steps of a boundary-value problem: history, fields, checkpoints, progress.
+
+Fields and checkpoints are written by a thread while the run goes on; within `with` nothing of them is left undone.
+"""
 
 from __future__ import annotations
 
 import csv
 import math
+import time
 from collections.abc import Callable
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 from granfabric.cases.errors import InputError
@@ -13,9 +18,11 @@ from granfabric.fem.equilibrium.checkpoint import Checkpoint, CheckpointFolder
 from granfabric.fem.equilibrium.initial import initial_result
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.loads.problem import Problem
+from granfabric.fem.output.compression import Compression
 from granfabric.fem.output.fields import FieldWriter, OutputError
 
 from . import files
+from .background import BackgroundWriter
 from .field_history import FieldHistory
 
 
@@ -35,6 +42,13 @@ class FieldRecorder:
     checkpoints : CheckpointFolder
     resumed : Checkpoint, optional
         Go on after this step. What was written beyond it is removed.
+    compression : {"none", "fast", "small"}
+        Of the fields.
+
+    Attributes
+    ----------
+    closing : float
+        Seconds that the end waited for files.
 
     Raises
     ------
@@ -52,7 +66,10 @@ class FieldRecorder:
         advance: Callable[[float, str], None],
         checkpoints: CheckpointFolder,
         resumed: Checkpoint | None = None,
+        compression: Compression = "fast",
     ) -> None:
+        self.closing = 0.0
+        self._background = BackgroundWriter()
         self._folder = folder
         self._every = every
         self._advance = advance
@@ -62,24 +79,45 @@ class FieldRecorder:
         self.history = history
         if resumed is None:
             self._last = initial_result(problem)
-            self._writer = FieldWriter(folder, problem.space, problem.law.description)
+            self._writer = self._field_writer(problem, compression)
             self.history.add(self._last)
             self._write_history()
-            self._write_fields(self._last)
+            self._written = -1
             return
         self._last = resumed.result
         done = self._last.step
         # A linear problem passes over the steps between results.
         continue_history(folder, history, done, problem.law.description.linear_response)
         try:
-            self._writer = FieldWriter(
-                folder, problem.space, problem.law.description, lambda step: step <= done and self._due(step)
-            )
+            self._writer = self._field_writer(problem, compression, lambda step: step <= done and self._due(step))
         except OutputError as error:
             raise InputError(f"cannot go on: {error}") from error
         self._write_history()
         self._written = done if self._due(done) else -1
         self._show(self._last)
+
+    def _field_writer(
+        self, problem: Problem, compression: Compression, keep: Callable[[int], bool] | None = None
+    ) -> FieldWriter:
+        return FieldWriter(
+            self._folder, problem.space, problem.law.description, keep, problem.material_index, compression
+        )
+
+    def __enter__(self) -> FieldRecorder:
+        """Fields of the initial state, where the run begins with it."""
+        if self._last.step == 0 and self._written < 0:
+            self._write_fields(self._last)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._background.__exit__(kind, error, trace)
+
+    @property
+    def writing(self) -> float:
+        """Seconds that the thread was at work."""
+        return self._background.seconds
 
     @property
     def last(self) -> StepResult:
@@ -100,12 +138,16 @@ class FieldRecorder:
 
     def save(self, checkpoint: Checkpoint) -> None:
         """Receive the checkpoint of the same step."""
-        self._checkpoints.save(checkpoint)
+        kept = checkpoint.copied()
+        self._background.submit(lambda: self._checkpoints.save(kept))
 
     def close(self) -> None:
-        """Make sure that the last step's fields are on disk."""
+        """Make sure that everything is on disk, the last step's fields too."""
+        since = time.perf_counter()
         if self._written != self._last.step:
             self._write_fields(self._last)
+        self._background.finish()
+        self.closing = time.perf_counter() - since
 
     def _show(self, step: StepResult) -> None:
         place = self._places[step.stage]
@@ -116,7 +158,8 @@ class FieldRecorder:
         files.write_text(self._folder / files.HISTORY, files.csv_text(self.history.names, self.history.rows))
 
     def _write_fields(self, step: StepResult) -> None:
-        self._writer.write(step, self._places[step.stage] + step.fraction)
+        at = self._places[step.stage] + step.fraction
+        self._background.submit(lambda: self._writer.write(step, at))
         self._written = step.step
 
 

@@ -77,6 +77,10 @@ class Output(Section):
 class FieldOutput(Output):
     """What a field run writes besides history.csv and run.json, and what its picture shows."""
 
+    compression: Literal["none", "fast", "small"] = Field(
+        default="fast",
+        description='of field files: "none" is largest, "small" a tenth smaller than "fast" at many times its time',
+    )
     maps: Annotated[list[MapName], Field(max_length=4)] = Field(
         default=[], description="fields of the last step that are drawn; chosen by what varies if not given"
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
@@ -14,17 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.constitutive.contract import LawDescription
-from granfabric.fem.discretisation.projection import Projection
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
 
+from .cells import vtk_cells
+from .compression import Compression
+from .derived import derived, invariants
+from .recovery import Recovery, region_of_cells
 from .vtu import GridWriter
 
 Array = NDArray[np.float64]
 
 FIELDS = "result"
 POINTS = "points"
-_CELL_TYPES = {"P1": "triangle", "P2": "triangle6", "Q1": "quad", "Q2": "quad9"}
 
 
 _Series = list[tuple[float, str]]
@@ -79,7 +80,8 @@ def point_fields(result: StepResult, description: LawDescription) -> dict[str, A
 class FieldWriter:
     """Write one `.vtu` of fields and one of integration points a step, and keep `result.pvd`, `points.pvd` up to date.
 
-    A `.pvd` is replaced in one move after its `.vtu` is complete, so that what it names can always be read.
+    A `.pvd` is replaced in one move after its `.vtu` is complete, so that what it names can always be read. Fields are
+    recovered for each material by itself; where materials meet, nodes are there once for each of them.
 
     Parameters
     ----------
@@ -90,6 +92,14 @@ class FieldWriter:
     keep : callable, optional
         Going on with a run: told a step's number, whether its files and its entry in the series are kept. Without it
         the series begin anew.
+    material_index : ndarray of int, shape (npt,), optional
+        Number of the material at each integration point, from 0; one material if not given.
+    compression : {"none", "fast", "small"}
+
+    Attributes
+    ----------
+    recovery : Recovery
+        From integration points to the nodes of the files.
 
     Raises
     ------
@@ -103,14 +113,33 @@ class FieldWriter:
         space: Space,
         description: LawDescription,
         keep: Callable[[int], bool] | None = None,
+        material_index: NDArray[np.int64] | None = None,
+        compression: Compression = "fast",
     ) -> None:
         self.folder = Path(folder)
         self._space = space
         self._description = description
-        self._projection = Projection(space)
+        self.recovery = Recovery(space, material_index)
+        self._cells = vtk_cells(space, self.recovery.nodes)
+        region, material = region_of_cells(space), self.recovery.material
+        element = self._cells.element
         self._grids = {
-            FIELDS: GridWriter(padded_vector(space.nodes), _CELL_TYPES[space.element], _counter_clockwise(space)),
-            POINTS: GridWriter(padded_vector(space.points), "vertex", np.arange(space.npoints).reshape(-1, 1)),
+            FIELDS: GridWriter(
+                padded_vector(space.nodes[self.recovery.nodes.node]),
+                self._cells.blocks,
+                compression,
+                lasting_of_cells={"element": element, "region": region[element], "material": material[element]},
+            ),
+            POINTS: GridWriter(
+                padded_vector(space.points),
+                [("vertex", np.arange(space.npoints).reshape(-1, 1))],
+                compression,
+                lasting={
+                    "element": space.point_cell,
+                    "region": region[space.point_cell],
+                    "material": material[space.point_cell],
+                },
+            ),
         }
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -168,26 +197,28 @@ class FieldWriter:
         OutputError
         """
         extra = extra_fields or {}
-        at_points = {**point_fields(result, self._description), **extra}
+        displacement = result.displacement.reshape(-1, 2)
+        at_points = {**point_fields(result, self._description), **derived(result.stress), **extra}
         # Projected before it is padded: less than half of the columns.
-        recover = self._projection
-        nodal = replace(
-            result, stress=recover(result.stress), strain=recover(result.strain), state=recover(result.state)
-        )
-        at_nodes = point_fields(nodal, self._description)
-        at_nodes |= {name: recover(values) for name, values in extra.items()}
-        at_nodes["displacement"] = padded_vector(result.displacement.reshape(-1, 2))
+        nodal = self.recovery.result(result)
+        at_nodes = {**point_fields(nodal, self._description), **derived(nodal.stress)}
+        at_nodes |= {name: self.recovery.field(values) for name, values in extra.items()}
+        at_nodes["displacement"] = padded_vector(displacement[self.recovery.nodes.node])
         at_points["status"] = result.status.astype(np.int32)
-        at_points["displacement"] = padded_vector(self._space.interpolate(result.displacement.reshape(-1, 2)))
+        at_points["displacement"] = padded_vector(self._space.interpolate(displacement))
+        of_cells = invariants(self.recovery.cell_means(result.stress))
+        of_cells = {name: values[self._cells.element] for name, values in of_cells.items()}
         try:
-            self._write(FIELDS, time, result.step, at_nodes)
+            self._write(FIELDS, time, result.step, at_nodes, of_cells)
             self._write(POINTS, time, result.step, at_points)
         except OSError as error:
             raise OutputError(f"output folder {self.folder} cannot be written: {error.strerror or error}") from None
 
-    def _write(self, name: str, time: float, step: int, fields: dict[str, Array]) -> None:
+    def _write(
+        self, name: str, time: float, step: int, fields: dict[str, Array], of_cells: dict[str, Array] | None = None
+    ) -> None:
         file = f"{name}_{step:04d}.vtu"
-        self._grids[name].write(self.folder / file, fields)
+        self._grids[name].write(self.folder / file, fields, of_cells)
         series = [entry for entry in self._series[name] if entry[1] != file]
         series.append((time, file))
         self._series[name] = series
@@ -202,17 +233,3 @@ class FieldWriter:
         hidden = self.folder / f".{name}.pvd"
         hidden.write_text(text)
         os.replace(hidden, self.folder / f"{name}.pvd")
-
-
-def _counter_clockwise(space: Space) -> NDArray[np.int64]:
-    """Element nodes in VTK's order; scikit-fem sorts the corners of triangles, which turns some of them."""
-    nodes = space.element_nodes.astype(np.int64)
-    if space.host_mesh.cell == "quad":
-        return nodes
-    corner = space.nodes[nodes[:, :3]]
-    first, second = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    turned = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] < 0
-    order = [0, 2, 1] if space.order == 1 else [0, 2, 1, 5, 4, 3]
-    result = nodes.copy()
-    result[turned] = nodes[turned][:, order]
-    return result
