@@ -26,6 +26,7 @@ KEPT_FILES = 4
 
 _SUFFIXES = {2: ("_x", "_y"), 3: ("_xx", "_yy", "_xy")}
 _DOUBLE_ANGLE = ("_1", "_2")
+_PLAIN_VECTORS = ("displacement", "principal_direction")
 
 
 def read_results(folder: str | Path) -> Results:
@@ -121,7 +122,7 @@ def _columns(name: str, values: Array) -> Iterator[tuple[str, Array]]:
         yield name, values
         return
     endings = _SUFFIXES[values.shape[1]]
-    if values.shape[1] == 2 and name != "displacement":
+    if values.shape[1] == 2 and not name.startswith(_PLAIN_VECTORS):
         endings = _DOUBLE_ANGLE
     for place, ending in enumerate(endings):
         yield name + ending, values[:, place]
@@ -175,7 +176,7 @@ class Results:
 
     @property
     def nodes(self) -> Array:
-        """Nodes of the mesh, shape (nnodes, 2) [m]."""
+        """Nodes of the mesh, shape (nnodes, 2) [m]; where materials meet, once more for each further one."""
         return np.asarray(self._fields.at(-1).points)[:, :2]
 
     def names(self, step: int = -1) -> list[str]:
@@ -188,7 +189,9 @@ class Results:
         Parameters
         ----------
         name : str
-            "displacement", "stress", "strain" or a state variable of the law such as "coordination".
+            "displacement", "stress", "strain", what is read off the stress ("p", "q", "stress_ratio",
+            "principal_stress_major", "principal_direction_major", the same with "minor"), or a state variable of the
+            law such as "coordination".
         step : int
             Number of the step, or from the end (-1 the last written).
 
@@ -213,11 +216,16 @@ class Results:
     @cached_property
     def _locator(self) -> Locator:
         content = self._fields.at(-1)
-        (block,) = content.cells
-        return Locator(self.nodes, block.type, block.data.astype(np.int64))
+        try:
+            kind, cells = series.elements(content)
+        except ValueError as error:
+            raise InputError(f"{self.folder / 'result.pvd'}: {error}") from error
+        return Locator(np.asarray(content.points)[:, :2], kind, cells)
 
     def at(self, x: float, y: float, step: int = -1) -> dict[str, float]:
         """Values of all fields at a place, by the shape functions of its cell (curved sides included).
+
+        Where materials meet, the values are those in one of them.
 
         Parameters
         ----------
@@ -236,15 +244,14 @@ class Results:
         InputError
             If the place lies outside of the mesh.
         """
-        table = self._table(np.array([[x, y]], dtype=np.float64), step)
-        values = {name: float(column[0]) for name, column in table.items()}
-        if any(np.isnan(value) for value in values.values()):
+        place = np.array([[x, y]], dtype=np.float64)
+        if self._locator.find(place)[0][0, 0] < 0:
             low, high = self.nodes.min(axis=0), self.nodes.max(axis=0)
             raise InputError(
                 f"({x:g}, {y:g}) lies outside of the mesh, which reaches from ({low[0]:g}, {low[1]:g}) to "
                 f"({high[0]:g}, {high[1]:g})"
             )
-        return values
+        return {name: float(column[0]) for name, column in self._table(place, step).items()}
 
     def along(self, a: Sequence[float], b: Sequence[float], step: int = -1, number: int = 101) -> pandas.DataFrame:
         """Values of all fields along a straight line.

@@ -12,6 +12,9 @@ from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.output.derived import pressure_and_deviator as invariants
 
+from .reaction_columns import ReactionColumns
+from .region_columns import RegionColumns
+
 Array = NDArray[np.float64]
 
 LEADING = ("step", "stage", "fraction")
@@ -33,7 +36,8 @@ class FieldHistory:
     Means are volume averages, named as the columns of a point's history; p and q belong to the mean stress.
     Coordination and fabric anisotropy (magnitudes) have means and extremes over the integration points. For each
     boundary that carries loads or supports: the mean displacement of its nodes [m]; for each that is supported: the
-    force of the supports on the body [N/m].
+    force of the supports on the body [N/m] and its moment about the origin [N m/m]; the resultant of all supports. For
+    each region of several: means over its area.
 
     Parameters
     ----------
@@ -50,6 +54,9 @@ class FieldHistory:
         self._description = description
         self._has_network = description.has_state("coordination") and description.has_state("fabric_anisotropy")
         self._nodes = {name: space.boundary_nodes(name) for name in boundaries}
+        self._area = space.weights
+        self._resultants = ReactionColumns(space, supported)
+        self._regions = RegionColumns(space, description)
         self.names = [
             *LEADING,
             *BODY,
@@ -57,6 +64,8 @@ class FieldHistory:
             *COUNTS,
             *(f"displacement_{name}_{axis}" for name in boundaries for axis in "xy"),
             *(f"reaction_{name}_{axis}" for name in supported for axis in "xy"),
+            *self._resultants.names,
+            *self._regions.names,
         ]
         self._supported = supported
         self.rows: list[list[Any]] = []
@@ -83,6 +92,8 @@ class FieldHistory:
             sides += displacement[nodes].mean(axis=0).tolist()
         for name in self._supported:
             sides += [float(force) for force in step.reactions[name]]
+        sides += self._resultants.values(step)
+        sides += self._regions.values(step.strain, step.stress, step.state, self._area)
         self.rows.append([step.step, step.stage, float(step.fraction), *averages, *map(int, counts), *sides])
 
     def _averages(self, strain: Array, stress: Array, state: Array) -> list[float]:

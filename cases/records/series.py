@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from granfabric.cases.errors import InputError
 from granfabric.fem.mesh.foreign_files import ForeignFileError, foreign_reader
+from granfabric.fem.output.cells import joined
 
 Array = NDArray[np.float64]
 
@@ -105,6 +106,17 @@ def read(file: Path, required: Sequence[str] = DRAWN) -> Any:
         if values.dtype != np.float64 or len(values) != count or not np.isfinite(values).all():
             raise InputError(f"{file} is damaged: the field {name!r} is missing or not finite")
     return mesh
+
+
+def elements(mesh: Any) -> tuple[str, NDArray[np.int64]]:
+    """Kind and nodes of the elements, also of those that stand in the file cut into straight pieces.
+
+    Raises
+    ------
+    ValueError
+        If the file does not hold elements of one kind.
+    """
+    return joined(mesh.cells, mesh.cell_data.get("element"))
 
 
 def triangles(mesh: Any) -> NDArray[np.int64]:

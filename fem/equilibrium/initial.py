@@ -51,6 +51,7 @@ def initial_result(problem: Problem) -> StepResult:
         limited=0,
         next_increment=1.0 / terms.stage.increments,
         stage_start=StageStart(nothing, nothing, nothing),
+        support=support,
     )
 
 

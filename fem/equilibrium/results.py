@@ -59,6 +59,8 @@ class StepResult:
     next_increment : float
         Fraction of the stage that the next step will try.
     stage_start : StageStart
+    support : ndarray, shape (ndofs,), optional
+        Nodal forces of the supports on the body, zero at free degrees of freedom [N/m].
     """
 
     stage: str
@@ -78,6 +80,7 @@ class StepResult:
     limited: int
     next_increment: float
     stage_start: StageStart
+    support: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -172,4 +172,5 @@ class Run:
             report.limited,
             next_increment,
             start,
+            support=support,
         )

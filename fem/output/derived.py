@@ -1,4 +1,4 @@
-"""What is read off a stress: pressure, deviator, their ratio, principal stresses and their directions, all in the plane.
+"""What is read off a stress: pressure, deviator, their ratio, principal stresses and directions, all in the plane.
 
 The major principal stress is the most compressive one, the smaller number where tension is positive.
 """

@@ -117,30 +117,9 @@ class FieldWriter:
         compression: Compression = "fast",
     ) -> None:
         self.folder = Path(folder)
-        self._space = space
         self._description = description
-        self.recovery = Recovery(space, material_index)
-        self._cells = vtk_cells(space, self.recovery.nodes)
-        region, material = region_of_cells(space), self.recovery.material
-        element = self._cells.element
-        self._grids = {
-            FIELDS: GridWriter(
-                padded_vector(space.nodes[self.recovery.nodes.node]),
-                self._cells.blocks,
-                compression,
-                lasting_of_cells={"element": element, "region": region[element], "material": material[element]},
-            ),
-            POINTS: GridWriter(
-                padded_vector(space.points),
-                [("vertex", np.arange(space.npoints).reshape(-1, 1))],
-                compression,
-                lasting={
-                    "element": space.point_cell,
-                    "region": region[space.point_cell],
-                    "material": material[space.point_cell],
-                },
-            ),
-        }
+        self._compression: Compression = compression
+        self._take_up(space, material_index)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             probe = self.folder / ".writable"
@@ -156,6 +135,32 @@ class FieldWriter:
                 for _, file in set(series) - set(kept):
                     (self.folder / file).unlink(missing_ok=True)
         self._series = {name: kept for name, (_, kept) in existing.items()}
+
+    def _take_up(self, space: Space, material_index: NDArray[np.int64] | None) -> None:
+        """Write what is on a space from now on."""
+        self._space = space
+        self.recovery = Recovery(space, material_index)
+        nodes = self.recovery.nodes
+        self._cells = vtk_cells(space, nodes)
+        of_cells = {
+            "element": np.arange(space.nelements, dtype=np.int32),
+            "region": region_of_cells(space),
+            "material": self.recovery.material,
+        }
+        self._grids = {
+            FIELDS: GridWriter(
+                padded_vector(space.nodes[nodes.node]),
+                self._cells.blocks,
+                self._compression,
+                lasting_of_cells={name: values[self._cells.element] for name, values in of_cells.items()},
+            ),
+            POINTS: GridWriter(
+                padded_vector(space.points),
+                [("vertex", np.arange(space.npoints).reshape(-1, 1))],
+                self._compression,
+                lasting={name: values[space.point_cell] for name, values in of_cells.items()},
+            ),
+        }
 
     def _existing(self, name: str, keep: Callable[[int], bool] | None) -> tuple[_Series, _Series]:
         """Entries of a series on disk, and those of them to keep."""

@@ -1,4 +1,4 @@
-"""Unstructured grids in VTK's XML format: raw binary appended after the header; mesh and lasting fields encoded once."""
+"""Unstructured grids in VTK's XML format: raw binary after the header; mesh and lasting fields are encoded once."""
 
 from __future__ import annotations
 

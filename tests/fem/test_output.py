@@ -18,9 +18,9 @@ from granfabric.constitutive.contract import LawDescription, Variable
 from granfabric.fem.discretisation.projection import Projection
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.loads.kinds import Displacement, Fixed, Stage
-from granfabric.fem.output.fields import FieldWriter, OutputError, padded_tensor, point_fields
 from granfabric.fem.output.compression import encoded
 from granfabric.fem.output.derived import DERIVED
+from granfabric.fem.output.fields import FieldWriter, OutputError, padded_tensor, point_fields
 from granfabric.fem.output.vtu import GridWriter
 
 PRESS = [Fixed("bottom"), Displacement("top", "y", -0.01)]
@@ -92,7 +92,8 @@ def test_every_file_of_both_series_reads_back(element, tmp_path):
         np.testing.assert_allclose(array(grid, "stress")[:, [0, 4, 1, 3]], recover(step.stress)[:, [0, 1, 2, 2]])
         strain = recover(step.strain) * [1.0, 1.0, 0.5]
         np.testing.assert_allclose(array(grid, "strain")[:, [0, 4, 1, 3]], strain[:, [0, 1, 2, 2]], atol=1e-15)
-        names = {"stress", "strain", "displacement", *DERIVED, *(variable.name for variable in PLASTIC.description.state)}
+        names = {"stress", "strain", "displacement", *DERIVED}
+        names |= {variable.name for variable in PLASTIC.description.state}
         for data, more in ((grid, set()), (cloud, {"status", "element", "region", "material"})):
             arrays = data.GetPointData()
             assert {arrays.GetArrayName(place) for place in range(arrays.GetNumberOfArrays())} == names | more
