@@ -152,6 +152,7 @@ def run_field(
                     checkpoints,
                     resumed,
                     loaded.scene.output.compression,
+                    prepared.probes,
                 )
                 files.remove_unfinished(folder)
                 record.write()

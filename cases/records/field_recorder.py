@@ -13,6 +13,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from granfabric.cases.errors import InputError
 from granfabric.fem.equilibrium.checkpoint import Checkpoint, CheckpointFolder
 from granfabric.fem.equilibrium.initial import initial_result
@@ -24,6 +27,7 @@ from granfabric.fem.output.fields import FieldWriter, OutputError
 from . import files
 from .background import BackgroundWriter
 from .field_history import FieldHistory
+from .probe_files import ProbeFile
 
 
 class FieldRecorder:
@@ -44,6 +48,8 @@ class FieldRecorder:
         Go on after this step. What was written beyond it is removed.
     compression : {"none", "fast", "small"}
         Of the fields.
+    probes : dict of str to ndarray, shape (n, 2), optional
+        Places [m] by the name of a probe.
 
     Attributes
     ----------
@@ -67,6 +73,7 @@ class FieldRecorder:
         checkpoints: CheckpointFolder,
         resumed: Checkpoint | None = None,
         compression: Compression = "fast",
+        probes: dict[str, NDArray[np.float64]] | None = None,
     ) -> None:
         self.closing = 0.0
         self._background = BackgroundWriter()
@@ -83,6 +90,9 @@ class FieldRecorder:
             self.history.add(self._last)
             self._write_history()
             self._written = -1
+            self._probes = self._probe_files(problem, probes or {})
+            for probe in self._probes:
+                probe.begin()
             return
         self._last = resumed.result
         done = self._last.step
@@ -92,6 +102,9 @@ class FieldRecorder:
             self._writer = self._field_writer(problem, compression, lambda step: step <= done and self._due(step))
         except OutputError as error:
             raise InputError(f"cannot go on: {error}") from error
+        self._probes = self._probe_files(problem, probes or {})
+        for probe in self._probes:
+            probe.go_on([row[0] for row in history.rows])
         self._write_history()
         self._written = done if self._due(done) else -1
         self._show(self._last)
@@ -103,9 +116,14 @@ class FieldRecorder:
             self._folder, problem.space, problem.law.description, keep, problem.material_index, compression
         )
 
+    def _probe_files(self, problem: Problem, probes: dict[str, NDArray[np.float64]]) -> list[ProbeFile]:
+        law, recovery = problem.law.description, self._writer.recovery
+        return [ProbeFile(self._folder, name, at, problem.space, law, recovery) for name, at in probes.items()]
+
     def __enter__(self) -> FieldRecorder:
         """Fields of the initial state, where the run begins with it."""
         if self._last.step == 0 and self._written < 0:
+            self._write_probes(self._last)
             self._write_fields(self._last)
         return self
 
@@ -132,6 +150,7 @@ class FieldRecorder:
         self.history.add(step)
         self._write_history()
         self._last = step
+        self._write_probes(step)
         if self._due(step.step):
             self._write_fields(step)
         self._show(step)
@@ -156,6 +175,10 @@ class FieldRecorder:
 
     def _write_history(self) -> None:
         files.write_text(self._folder / files.HISTORY, files.csv_text(self.history.names, self.history.rows))
+
+    def _write_probes(self, step: StepResult) -> None:
+        for probe in self._probes:
+            self._background.submit(lambda probe=probe: probe.add(step))  # type: ignore[misc]
 
     def _write_fields(self, step: StepResult) -> None:
         at = self._places[step.stage] + step.fraction

@@ -46,7 +46,11 @@ OWN_FILES = (
 CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
 OF_MAP = ("map_*.png", "material_*.toml")
 """A figure for each path of a map, measured inputs of each of its materials."""
-OWN_PATTERNS = (".granfabric-*", ".result*", ".points*", *CHECKPOINTS, *OF_MAP, *(f"{name}_*.vtu" for name in SERIES))
+PROBES = "probe_*.csv"
+OWN_PATTERNS = (
+    *(PROBES, ".granfabric-*", ".result*", ".points*"),
+    *(*CHECKPOINTS, *OF_MAP, *(f"{name}_*.vtu" for name in SERIES)),
+)
 """What a run writes; only these are removed when a result folder is used again. Not among them: what `cost` and
 `verify` keep of the DEM in `dem`, to be used again, and the studies of `cost`, whose folders nothing else replaces."""
 

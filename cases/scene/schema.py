@@ -20,6 +20,7 @@ from .schema_dem import DemScene
 from .schema_initial import FieldInitial, PointInitial, RandomState
 from .schema_law import ClosureSection, EffectsSection, IntegrationSection, MaterialSection, NamedMaterialSection
 from .schema_mesh import Mesh
+from .schema_probe import Probe
 from .schema_stage import Solver, StageSection
 
 MapName = Literal[
@@ -87,6 +88,17 @@ class FieldOutput(Output):
     curve: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=2, max_length=2)] | None = Field(
         default=None, description="two columns of history.csv, abscissa and ordinate, of the first curve"
     )
+    probe: Annotated[list[Probe], Field(max_length=200)] = Field(
+        default=[], description="places and lines whose values are written at every step"
+    )
+
+    @model_validator(mode="after")
+    def _probes_differ(self) -> FieldOutput:
+        names = [probe.name.lower() for probe in self.probe]  # one file each, also where case does not count
+        twice = next((name for place, name in enumerate(names) if name in names[:place]), None)
+        if twice is not None:
+            raise ValueError(f"output.probe: two probes have the name {twice!r}")
+        return self
 
 
 class LawScene(Scene):

@@ -26,7 +26,7 @@ class Parts:
     element_nodes: NDArray[np.int64]
 
 
-def parts(space: Space, group: NDArray[np.int64] | None = None) -> Parts:
+def parts(space: Space, group: NDArray[np.integer] | None = None) -> Parts:
     """Nodes for fields that jump where two groups of cells meet, and are continuous within each.
 
     Parameters

@@ -29,6 +29,10 @@ class Projection:
     space : Space
     nodes : Parts, optional
         Where several groups meet, the fit of each takes its own elements alone, so that nothing is smoothed across.
+
+    Attributes
+    ----------
+    operator : scipy.sparse.csr_matrix, shape (n, npt)
     """
 
     def __init__(self, space: Space, nodes: Parts | None = None) -> None:
@@ -54,11 +58,11 @@ class Projection:
                 operator.rows[vertex] = points.tolist()
                 operator.data[vertex] = weights.tolist()
             operator = operator.tocsr()
-        self._operator = csr_matrix(_vertices_to_nodes(space, nodes, of_vertex) @ operator)
+        self.operator = csr_matrix(_vertices_to_nodes(space, nodes, of_vertex) @ operator)
 
     def __call__(self, values: Array) -> Array:
         """Nodal values, shape (n, k), of point values, shape (npt, k) (or (n,) of (npt,)); n nodes as in `Parts`."""
-        return np.asarray(self._operator @ values)
+        return np.asarray(self.operator @ values)
 
 
 def _fit(

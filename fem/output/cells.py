@@ -47,10 +47,14 @@ class VtkCells:
     element: NDArray[np.int32]
 
 
+def whole_cells(space: Space, nodes: Parts) -> tuple[str, NDArray[np.int64]]:
+    """Kind and nodes of all elements in VTK's order, nothing cut."""
+    return _TYPES[space.element], _counter_clockwise(space, nodes.element_nodes)
+
+
 def vtk_cells(space: Space, nodes: Parts) -> VtkCells:
     """All elements as cells, those with curved sides cut."""
-    kind = _TYPES[space.element]
-    cells = _counter_clockwise(space, nodes.element_nodes)
+    kind, cells = whole_cells(space, nodes)
     element = np.arange(len(cells), dtype=np.int32)
     if kind not in _CUT:
         return VtkCells([(kind, cells)], element)

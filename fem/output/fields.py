@@ -113,7 +113,7 @@ class FieldWriter:
         space: Space,
         description: LawDescription,
         keep: Callable[[int], bool] | None = None,
-        material_index: NDArray[np.int64] | None = None,
+        material_index: NDArray[np.integer] | None = None,
         compression: Compression = "fast",
     ) -> None:
         self.folder = Path(folder)
@@ -136,7 +136,7 @@ class FieldWriter:
                     (self.folder / file).unlink(missing_ok=True)
         self._series = {name: kept for name, (_, kept) in existing.items()}
 
-    def _take_up(self, space: Space, material_index: NDArray[np.int64] | None) -> None:
+    def _take_up(self, space: Space, material_index: NDArray[np.integer] | None) -> None:
         """Write what is on a space from now on."""
         self._space = space
         self.recovery = Recovery(space, material_index)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 
 from granfabric.fem.discretisation.parts import parts
 from granfabric.fem.discretisation.projection import Projection
@@ -40,7 +41,7 @@ class Recovery:
         Number of each cell's material, from 1.
     """
 
-    def __init__(self, space: Space, material_index: NDArray[np.int64] | None = None) -> None:
+    def __init__(self, space: Space, material_index: NDArray[np.integer] | None = None) -> None:
         nq = space.points_per_cell
         index = np.zeros(space.nelements, np.int32) if material_index is None else material_index[::nq]
         self.material = (index + 1).astype(np.int32)
@@ -59,6 +60,12 @@ class Recovery:
         return replace(
             result, stress=recover(result.stress), strain=recover(result.strain), state=recover(result.state)
         )
+
+    def at(self, nodes: NDArray[np.int64], weights: Array) -> csr_matrix:
+        """Matrix that takes values at the integration points to places given by nodes and their weights, (n, nb)."""
+        rows = np.repeat(np.arange(len(nodes)), nodes.shape[1])
+        shape = (len(nodes), len(self.nodes.node))
+        return csr_matrix((weights.ravel(), (rows, nodes.ravel())), shape=shape) @ self._projection.operator
 
     def cell_means(self, values: Array) -> Array:
         """Means over the cells, shape (nelem, k), of values at the integration points, shape (npt, k)."""
