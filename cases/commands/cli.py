@@ -17,6 +17,7 @@ import typer
 from granfabric.cases.errors import InputError, RunError
 
 from .fit_options import CurvesArgument, DataOption, DataSetOption, FitOutputOption, FreeOption, MaterialFileOption
+from .picture_options import add_to, exit_by
 from .verify_options import (
     MaterialsOption,
     PackingSetOption,
@@ -37,7 +38,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-
 
 
 def _scene_names(context: typer.Context, incomplete: str) -> list[str]:
@@ -139,12 +139,7 @@ def _upgraded(scene: str, given: list[str], record: Any, screen: Any) -> Any:
 
 
 def _folder(output: Path | None, name: str) -> Path:
-    return output if output is not None else Path("results") / name
-
-
-def _exit(outcome: str) -> None:
-    if outcome != "finished":
-        raise typer.Exit(1)
+    return output or Path("results") / name
 
 
 @app.command()
@@ -178,7 +173,7 @@ def run(
             loaded = _upgraded(scene, given, record, screen)
             record = run_field(loaded, _folder(output, loaded.name), screen, False, kernels, overwrite)
         accuracy_report.report(loaded, record, screen)
-        _exit(record.outcome)
+        exit_by(record.outcome)
 
 
 @app.command()
@@ -206,7 +201,7 @@ def point(
             loaded = _upgraded(scene, given, record, screen)
             record = run_point(loaded, _folder(output, loaded.name), screen, overwrite)
         accuracy_report.report(loaded, record, screen)
-        _exit(record.outcome)
+        exit_by(record.outcome)
 
 
 @app.command()
@@ -226,7 +221,7 @@ def dem(
         from .dem import run_dem
 
         loaded = load(scene, assignments or [])
-        _exit(run_dem(loaded, _folder(output, loaded.name), screen, resume, overwrite).outcome)
+        exit_by(run_dem(loaded, _folder(output, loaded.name), screen, resume, overwrite).outcome)
 
 
 @app.command()
@@ -254,7 +249,7 @@ def verify(
         from .verify_kinds import verify_as_asked
 
         choice = (particles, seeds, paths, materials, assignments or [], data or [], quick, processes)
-        _exit(verify_as_asked(output, *choice, screen, overwrite).outcome)
+        exit_by(verify_as_asked(output, *choice, screen, overwrite).outcome)
 
 
 @app.command()
@@ -274,7 +269,7 @@ def fit(
 
         folder = _folder(output, f"{Path(curves[0]).stem}_fit")
         record, _ = run_fit(curves_of(curves), folder, screen, free or [], material_file, assignments or [], overwrite)
-        _exit(record.outcome)
+        exit_by(record.outcome)
 
 
 @app.command()
@@ -294,7 +289,7 @@ def cost(
     with _speaking(quiet, verbose) as screen:
         from .cost import run_cost
 
-        _exit(run_cost(study, output, screen, quick, resume, overwrite).outcome)
+        exit_by(run_cost(study, output, screen, quick, resume, overwrite).outcome)
 
 
 @app.command()
@@ -425,6 +420,8 @@ def plot(
 
 
 from . import cli_measure as cli_measure  # noqa: E402  (takes what stands above, and adds its command)
+
+add_to(app)
 
 
 def main() -> None:
