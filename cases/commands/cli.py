@@ -17,7 +17,8 @@ import typer
 from granfabric.cases.errors import InputError, RunError
 
 from .fit_options import CurvesArgument, DataOption, DataSetOption, FitOutputOption, FreeOption, MaterialFileOption
-from .picture_options import add_to, exit_by
+from .picture_options import add_to
+from .picture_options import exit_by as _exit
 from .verify_options import (
     MaterialsOption,
     PackingSetOption,
@@ -173,7 +174,7 @@ def run(
             loaded = _upgraded(scene, given, record, screen)
             record = run_field(loaded, _folder(output, loaded.name), screen, False, kernels, overwrite)
         accuracy_report.report(loaded, record, screen)
-        exit_by(record.outcome)
+        _exit(record.outcome)
 
 
 @app.command()
@@ -201,7 +202,7 @@ def point(
             loaded = _upgraded(scene, given, record, screen)
             record = run_point(loaded, _folder(output, loaded.name), screen, overwrite)
         accuracy_report.report(loaded, record, screen)
-        exit_by(record.outcome)
+        _exit(record.outcome)
 
 
 @app.command()
@@ -221,7 +222,7 @@ def dem(
         from .dem import run_dem
 
         loaded = load(scene, assignments or [])
-        exit_by(run_dem(loaded, _folder(output, loaded.name), screen, resume, overwrite).outcome)
+        _exit(run_dem(loaded, _folder(output, loaded.name), screen, resume, overwrite).outcome)
 
 
 @app.command()
@@ -249,7 +250,7 @@ def verify(
         from .verify_kinds import verify_as_asked
 
         choice = (particles, seeds, paths, materials, assignments or [], data or [], quick, processes)
-        exit_by(verify_as_asked(output, *choice, screen, overwrite).outcome)
+        _exit(verify_as_asked(output, *choice, screen, overwrite).outcome)
 
 
 @app.command()
@@ -269,7 +270,7 @@ def fit(
 
         folder = _folder(output, f"{Path(curves[0]).stem}_fit")
         record, _ = run_fit(curves_of(curves), folder, screen, free or [], material_file, assignments or [], overwrite)
-        exit_by(record.outcome)
+        _exit(record.outcome)
 
 
 @app.command()
@@ -289,7 +290,7 @@ def cost(
     with _speaking(quiet, verbose) as screen:
         from .cost import run_cost
 
-        exit_by(run_cost(study, output, screen, quick, resume, overwrite).outcome)
+        _exit(run_cost(study, output, screen, quick, resume, overwrite).outcome)
 
 
 @app.command()

@@ -2,7 +2,7 @@
 
 Doubles of a computation are noise in their lower bits; what compresses are the zeros that pad vectors and tensors and
 fields that are constant. "fast" asks zlib for runs of equal bytes alone, at twice the speed of its usual search, and
-keeps what has none as it is. The same numbers give the same bytes, whatever ran before: igzip, at four times this speed,
+keeps what has none as it is. The same numbers give the same bytes whatever ran before; igzip, at four times this speed,
 does not keep that.
 """
 
