@@ -42,23 +42,23 @@ def stress_ratio(p: Array, q: Array) -> Array:
     return ratio
 
 
-def invariants(stress: Array) -> dict[str, Array]:
-    """``p``, ``q`` [Pa] and ``stress_ratio`` [-] of stresses, shape (n, 3)."""
+def invariants(stress: Array, carried: Array) -> dict[str, Array]:
+    """``p``, ``q`` [Pa] of stresses and ``stress_ratio`` [-] of what the skeleton carries of them, shapes (n, 3)."""
     p, q = pressure_and_deviator(stress)
-    return {"p": p, "q": q, "stress_ratio": stress_ratio(p, q)}
+    return {"p": p, "q": q, "stress_ratio": stress_ratio(*pressure_and_deviator(carried))}
 
 
-def derived(stress: Array) -> dict[str, Array]:
+def derived(stress: Array, carried: Array) -> dict[str, Array]:
     """Invariants, principal stresses, shape (n,) [Pa], and their directions: unit vectors, shape (n, 3).
 
     A direction is given upwards or, along x, to the right; a stress that is isotropic to rounding has none (zeros).
 
     Parameters
     ----------
-    stress : ndarray, shape (n, 3)
-        xx, yy, xy, tension positive [Pa].
+    stress, carried : ndarray, shape (n, 3)
+        xx, yy, xy, tension positive [Pa]; of pore fluid and skeleton, and of the skeleton alone.
     """
-    found = invariants(stress)
+    found = invariants(stress, carried)
     p, q = found["p"], found["q"]
     found["principal_stress_major"], found["principal_stress_minor"] = -p - q, -p + q
     # of the most tensile stress, from x

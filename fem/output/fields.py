@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.constitutive.contract import LawDescription
+from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
 
@@ -66,6 +67,10 @@ def point_fields(result: StepResult, description: LawDescription) -> dict[str, A
         "stress": padded_tensor(result.stress, zz=zz),
         "strain": padded_tensor(result.strain, shear_factor=0.5),
     }
+    if description.has_state("pore_pressure"):
+        carried = effective_stress(result.stress, result.state, description)
+        pressure = result.state[:, description.columns("pore_pressure")].ravel()
+        fields["effective_stress"] = padded_tensor(carried, zz=None if zz is None else zz + 0.0 * pressure)
     for variable in description.state:
         columns = result.state[:, description.columns(variable.name)]
         if variable.components == 1:
@@ -202,16 +207,21 @@ class FieldWriter:
         OutputError
         """
         extra = extra_fields or {}
+        carried = effective_stress(result.stress, result.state, self._description)
         displacement = result.displacement.reshape(-1, 2)
-        at_points = {**point_fields(result, self._description), **derived(result.stress), **extra}
+        at_points = {**point_fields(result, self._description), **derived(result.stress, carried), **extra}
         # Projected before it is padded: less than half of the columns.
         nodal = self.recovery.result(result)
-        at_nodes = {**point_fields(nodal, self._description), **derived(nodal.stress)}
+        at_nodes = {
+            **point_fields(nodal, self._description),
+            **derived(nodal.stress, effective_stress(nodal.stress, nodal.state, self._description)),
+        }
         at_nodes |= {name: self.recovery.field(values) for name, values in extra.items()}
         at_nodes["displacement"] = padded_vector(displacement[self.recovery.nodes.node])
         at_points["status"] = result.status.astype(np.int32)
         at_points["displacement"] = padded_vector(self._space.interpolate(displacement))
-        of_cells = invariants(self.recovery.cell_means(result.stress))
+        means = self.recovery.cell_means
+        of_cells = invariants(means(result.stress), means(carried))
         of_cells = {name: values[self._cells.element] for name, values in of_cells.items()}
         try:
             self._write(FIELDS, time, result.step, at_nodes, of_cells)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.constitutive.contract import LawDescription
+from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.fem.discretisation.location import Locator
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
@@ -66,8 +67,9 @@ class Places:
         """
         nodal = step.displacement.reshape(-1, 2)[self._nodes_of_space[self._nodes]]
         stress, state = self._operator @ step.stress, self._operator @ step.state
+        carried = effective_stress(stress, state, self._description)
         parts = [np.einsum("pn,pnk->pk", self._weights, nodal), stress, self._operator @ step.strain]
-        parts += [column[:, None] for column in invariants(stress).values()]
+        parts += [column[:, None] for column in invariants(stress, carried).values()]
         for variable in self._description.state:
             columns = state[:, self._description.columns(variable.name)]
             if variable.components == 2:
