@@ -23,6 +23,7 @@ from granfabric.cases.records.field_recorder import FieldRecorder
 from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import write_failed_point
+from granfabric.cases.records.units import units
 from granfabric.cases.scene import build, effects_choice
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.compile_watch import CompileWatch, watching
@@ -155,6 +156,7 @@ def run_field(
             record.phase("run", watch),
         ):
             history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
+            record.details["columns"] = units(history.names)
             try:
                 recorder = FieldRecorder(
                     folder,

@@ -31,7 +31,7 @@ _LZMA = [{"id": lzma.FILTER_LZMA2, "preset": 0, "lc": 0, "lp": 3, "pb": 3}]
 
 SAMPLE = 4096
 """Bytes at the beginning of an array by which it is told whether it compresses."""
-WORTH = 0.85
+WORTH = 0.55
 """Compressed over plain size of these up to which the array is compressed."""
 
 

@@ -9,18 +9,30 @@ import meshio
 import numpy as np
 import pytest
 from fem_meshes import ELEMENTS, PLASTIC, distorted, nodal, run
-from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonDataModel import VTK_BIQUADRATIC_QUAD, VTK_QUAD, VTK_QUADRATIC_TRIANGLE, VTK_TRIANGLE
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkPoints
+from vtkmodules.vtkCommonDataModel import (
+    VTK_BIQUADRATIC_QUAD,
+    VTK_QUAD,
+    VTK_QUADRATIC_TRIANGLE,
+    VTK_TRIANGLE,
+    vtkPolyData,
+)
+from vtkmodules.vtkFiltersCore import vtkProbeFilter
 from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
 from granfabric.constitutive.contract import LawDescription, Variable
+from granfabric.fem.discretisation.parts import parts
 from granfabric.fem.discretisation.projection import Projection
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.loads.kinds import Displacement, Fixed, Stage
+from granfabric.fem.mesh.shapes import quarter_ring
+from granfabric.fem.output.cells import vtk_cells, whole_cells
 from granfabric.fem.output.compression import encoded
-from granfabric.fem.output.derived import DERIVED
-from granfabric.fem.output.fields import FieldWriter, OutputError, padded_tensor, point_fields
+from granfabric.fem.output.derived import DERIVED, derived
+from granfabric.fem.output.fields import FieldWriter, OutputError, padded_tensor, padded_vector, point_fields
+from granfabric.fem.output.recovery import Recovery
 from granfabric.fem.output.vtu import GridWriter
 
 PRESS = [Fixed("bottom"), Displacement("top", "y", -0.01)]
@@ -232,3 +244,61 @@ def test_arrays_are_read_wherever_they_begin(tmp_path, compression):
         if repeat > 20 and compression != "fast":
             break
     assert met or compression == "small"
+
+
+@pytest.mark.parametrize(("element", "cell"), [("P2", "triangle"), ("Q2", "quad")])
+def test_vtk_probes_find_every_place_in_curved_cells(tmp_path, element, cell):
+    """Whole, VTK misses most of them; the file holds these cells cut into straight ones."""
+    space = Space(quarter_ring(1.0, 3.0, 3, 4, cell), element)
+    random = np.random.default_rng(1)
+    radius, angle = random.uniform(1.03, 2.9, 200), random.uniform(0.02, 1.55, 200)
+    places = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(200)])
+    nodes = parts(space)
+    found = {}
+    for name, cells in {"whole": [whole_cells(space, nodes)], "cut": vtk_cells(space, nodes).blocks}.items():
+        GridWriter(padded_vector(space.nodes), cells).write(tmp_path / "a.vtu", {"place": padded_vector(space.nodes)})
+        points, where, probe = vtkPoints(), vtkPolyData(), vtkProbeFilter()
+        points.SetData(numpy_to_vtk(places, deep=True))
+        where.SetPoints(points)
+        probe.SetInputData(where)
+        probe.SetSourceData(read(tmp_path / "a.vtu"))
+        probe.Update()
+        data = probe.GetOutput().GetPointData()
+        found[name] = vtk_to_numpy(data.GetArray("vtkValidPointMask")).astype(bool)
+    assert found["cut"].all() and not found["whole"].all()
+    np.testing.assert_allclose(vtk_to_numpy(data.GetArray("place")), places, atol=1e-5)
+
+
+def test_nothing_is_smoothed_across_materials(tmp_path):
+    space = Space(distorted("P2"), "P2")
+    centre = space.nodes[space.element_nodes[:, :3]].mean(axis=1)
+    of_cell = (centre[:, 0] > centre[:, 0].mean()).astype(np.int64)
+    index = of_cell[space.point_cell]
+    recovery = Recovery(space, index)
+    nodes, further = recovery.nodes, len(recovery.nodes.node) - space.nnodes
+    assert further > 0 and np.array_equal(nodes.node[: space.nnodes], np.arange(space.nnodes))
+    # a field that is linear in each material and jumps between them comes out as it is
+    values = np.where(index == 1, 5.0 + space.points[:, 0], -3.0 + space.points[:, 1])
+    at_nodes = recovery.field(values)
+    for number in (0, 1):
+        mine = np.unique(nodes.element_nodes[of_cell == number])
+        x, y = space.nodes[nodes.node[mine]].T
+        np.testing.assert_allclose(at_nodes[mine], 5.0 + x if number else -3.0 + y, atol=1e-9)
+    # one material: as without
+    np.testing.assert_array_equal(Recovery(space).field(values), Projection(space)(values))
+
+
+def test_what_is_read_off_a_stress():
+    stress = np.array([[-3.0, -1.0, 0.0], [-1.0, -3.0, 0.0], [-2.0, -2.0, -1.0], [-2.0, -2.0, 0.0], [1.0, 1.0, 0.5]])
+    made = derived(stress, stress)
+    np.testing.assert_allclose(made["p"], [2.0, 2.0, 2.0, 2.0, -1.0])
+    np.testing.assert_allclose(made["q"], [1.0, 1.0, 1.0, 0.0, 0.5])
+    np.testing.assert_allclose(made["stress_ratio"], [0.5, 0.5, 0.5, 0.0, np.nan])
+    root = np.sqrt(0.5)
+    major = [[1, 0, 0], [0, 1, 0], [root, root, 0], [0, 0, 0], [-root, root, 0]]
+    np.testing.assert_allclose(made["principal_direction_major"], major, atol=1e-12)
+    for name in ("major", "minor"):
+        direction, value = made[f"principal_direction_{name}"][:, :2], made[f"principal_stress_{name}"]
+        full = np.stack([stress[:, [0, 2]], stress[:, [2, 1]]], axis=1)
+        np.testing.assert_allclose(np.einsum("nij,nj->ni", full, direction), value[:, None] * direction, atol=1e-12)
+    assert (made["principal_stress_major"] <= made["principal_stress_minor"]).all()
