@@ -82,7 +82,7 @@ class FieldOutput(Output):
 
     compression: Literal["none", "fast", "small"] = Field(
         default="fast",
-        description='of field files: "none" takes least time, "small" least room, at some twenty times the time of "fast"',
+        description='of files: "none" takes least time, "small" least room at twenty times the time of "fast"',
     )
     maps: Annotated[list[MapName], Field(max_length=4)] = Field(
         default=[], description="fields of the last step that are drawn; chosen by what varies if not given"
