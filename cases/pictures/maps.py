@@ -149,9 +149,9 @@ def draw_map(figure: Any, axes: Any, name: str, last: Any, first: Any, cloud: An
     if flat:  # a homogeneous field gets one colour, not magnified rounding
         middle = (low + high) / 2
         low, high = middle - 0.005 * max(abs(middle), 1e-6), middle + 0.005 * max(abs(middle), 1e-6)
-    beyond = bool(values.min() < low), bool(values.max() > high)
-    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[beyond]
     colours, least, most = what.shades(low, high)
+    beyond = bool(values.min() < least), bool(values.max() > most)
+    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[beyond]
     shading = axes.tripcolor(grid, values, shading="gouraud", cmap=colours, vmin=least, vmax=most, rasterized=True)
     if not flat:
         levels = np.linspace(low, high, CONTOURS + 2)[1:-1]
