@@ -47,7 +47,7 @@ def draw_gap_density(axes: Any, gaps: GapDistribution, text: str = "DEM", closin
     """
     outline(axes, gaps.density, fill=True, color=BLUE, alpha=0.3)
     outline(axes, gaps.density, color=BLUE, linewidth=1.2, label=f"{text}, {gaps.density.count} gaps")
-    _line(axes, gaps.at_zero, gaps.window, "all gaps, at 0")
+    _line(axes, gaps.at_zero, gaps.window, r"$P_{\xi 0}$" if closing is None else "of all gaps, at 0")
     if closing is not None:
         text = "the law's $P_{\\xi 0}$ (material.toml), of gaps that close: " + f"{closing:.4g}"
         axes.plot([], [], linestyle="none", label=text)

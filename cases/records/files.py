@@ -27,13 +27,12 @@ PACKING = "packing.npz"
 CHECKPOINT = "checkpoint.npz"
 MATERIAL = "material.toml"
 FAILED_POINT = "failed_point.toml"
-OF_DATA = ("fit.csv", "data.csv", *(f"{name}.{kind}" for name in ("fit", "data") for kind in ("png", "pdf", "svg")))
-_PICTURES = (
+OF_DATA = ("fit.csv", "fit.png", "data.csv", "data.png")
+PICTURES = (
     *("overview.png", "microvariables.png", "fabric_decomposition.png", "stress_strain.png", "packing.png"),
     "distributions.png",
     *("closed_form.png", "convergence.png", "map.png", *(f"figure_{number}.png" for number in range(1, 7))),
 )
-PICTURES = tuple(name.replace(".png", kind) for name in _PICTURES for kind in (".png", ".pdf", ".svg"))
 TABLES = (
     *("verify.csv", "verify.md", "paths.csv", "probes.csv", "closures.csv", "convergence.csv"),
     *("map.csv", "map_curves.csv", "map.md"),
@@ -46,10 +45,15 @@ OWN_FILES = (
     *OF_DATA,
 )
 CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
-OF_MAP = ("map_*.png", "map_*.pdf", "map_*.svg", "material_*.toml")
+OF_MAP = ("map_*.png", "material_*.toml")
 """A figure for each path of a map, measured inputs of each of its materials."""
 PROBES = "probe_*.csv"
+OTHER_FORMATS = tuple(
+    f"{name[:-4]}.{kind}" for name in (*PICTURES, *OF_DATA) if name.endswith(".png") for kind in ("pdf", "svg")
+)
+"""The same pictures as `--format` asks for."""
 OWN_PATTERNS = (
+    *(*OTHER_FORMATS, "map_*.pdf", "map_*.svg"),
     *(PROBES, ".granfabric-*", ".result*", ".points*"),
     *(*CHECKPOINTS, *OF_MAP, *(f"{name}_*.vtu" for name in SERIES)),
 )
