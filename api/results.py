@@ -26,6 +26,7 @@ KEPT_FILES = 4
 
 _SUFFIXES = {2: ("_x", "_y"), 3: ("_xx", "_yy", "_xy")}
 _DOUBLE_ANGLE = ("_1", "_2")
+_PLAIN_VECTORS = ("displacement", "principal_direction")
 
 
 def read_results(folder: str | Path) -> Results:
@@ -121,7 +122,7 @@ def _columns(name: str, values: Array) -> Iterator[tuple[str, Array]]:
         yield name, values
         return
     endings = _SUFFIXES[values.shape[1]]
-    if values.shape[1] == 2 and name != "displacement":
+    if values.shape[1] == 2 and not name.startswith(_PLAIN_VECTORS):
         endings = _DOUBLE_ANGLE
     for place, ending in enumerate(endings):
         yield name + ending, values[:, place]
@@ -176,7 +177,7 @@ class Results:
 
     @property
     def nodes(self) -> Array:
-        """Nodes of the mesh at the last step, shape (nnodes, 2) [m]."""
+        """Nodes of the mesh at the last step, shape (nnodes, 2) [m]; where materials meet, once more for each."""
         return self.nodes_at(-1)
 
     def nodes_at(self, step: int) -> Array:
@@ -193,7 +194,9 @@ class Results:
         Parameters
         ----------
         name : str
-            "displacement", "stress", "strain" or a state variable of the law such as "coordination".
+            "displacement", "stress", "strain", what is read off the stress ("p", "q", "stress_ratio",
+            "principal_stress_major", "principal_direction_major", the same with "minor"), or a state variable of the
+            law such as "coordination".
         step : int
             Number of the step, or from the end (-1 the last written).
 
@@ -219,14 +222,19 @@ class Results:
     def _locator(self, step: int) -> Locator:
         """Of the mesh of a step; kept from one step to the next as long as the mesh is the same."""
         content = self._fields.at(step)
-        (block,) = content.cells
-        nodes, cells = np.asarray(content.points)[:, :2], block.data.astype(np.int64)
+        try:
+            kind, cells = series.elements(content)
+        except ValueError as error:
+            raise InputError(f"{self.folder / 'result.pvd'}: {error}") from error
+        nodes = np.asarray(content.points)[:, :2]
         if self._kept is None or not (np.array_equal(self._kept[0], nodes) and np.array_equal(self._kept[1], cells)):
-            self._kept = (nodes, cells, Locator(nodes, block.type, cells))
+            self._kept = (nodes, cells, Locator(nodes, kind, cells))
         return self._kept[2]
 
     def at(self, x: float, y: float, step: int = -1) -> dict[str, float]:
         """Values of all fields at a place, by the shape functions of its cell (curved sides included).
+
+        Where materials meet, the values are those in one of them.
 
         Parameters
         ----------
@@ -245,16 +253,15 @@ class Results:
         InputError
             If the place lies outside of the mesh.
         """
-        table = self._table(np.array([[x, y]], dtype=np.float64), step)
-        values = {name: float(column[0]) for name, column in table.items()}
-        if any(np.isnan(value) for value in values.values()):
+        place = np.array([[x, y]], dtype=np.float64)
+        if self._locator(step).find(place)[0][0, 0] < 0:
             nodes = self.nodes_at(step)
             low, high = nodes.min(axis=0), nodes.max(axis=0)
             raise InputError(
                 f"({x:g}, {y:g}) lies outside of the mesh, which reaches from ({low[0]:g}, {low[1]:g}) to "
                 f"({high[0]:g}, {high[1]:g})"
             )
-        return values
+        return {name: float(column[0]) for name, column in self._table(place, step).items()}
 
     def along(self, a: Sequence[float], b: Sequence[float], step: int = -1, number: int = 101) -> pandas.DataFrame:
         """Values of all fields along a straight line.

@@ -24,6 +24,7 @@ from granfabric.cases.records.field_recorder import FieldRecorder
 from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import write_failed_point
+from granfabric.cases.records.units import units
 from granfabric.cases.scene import build, effects_choice
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.compile_watch import CompileWatch, watching
@@ -157,9 +158,18 @@ def run_field(
             record.phase("run", watch),
         ):
             history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
+            record.details["columns"] = units(history.names)
             try:
                 recorder = FieldRecorder(
-                    folder, problem, history, loaded.scene.output.every, advance, checkpoints, resumed
+                    folder,
+                    problem,
+                    history,
+                    loaded.scene.output.every,
+                    advance,
+                    checkpoints,
+                    resumed,
+                    loaded.scene.output.compression,
+                    prepared.probes,
                 )
                 files.remove_unfinished(folder)
                 record.write()
@@ -171,16 +181,17 @@ def run_field(
                     report_body(step, screen)
                     recorder(step)
 
-                summary = (solve if team is None else team.solve)(
-                    problem,
-                    prepared.control,
-                    on_step=on_step,
-                    stop=stop,
-                    resume=resumed,
-                    on_checkpoint=recorder.save,
-                    clock=watch.clock,
-                )
-                recorder.close()
+                with recorder:
+                    summary = (solve if team is None else team.solve)(
+                        problem,
+                        prepared.control,
+                        on_step=on_step,
+                        stop=stop,
+                        resume=resumed,
+                        on_checkpoint=recorder.save,
+                        clock=watch.clock,
+                    )
+                    recorder.close()
             except ControlError as error:
                 raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
             except (OutputError, OSError) as error:
@@ -188,6 +199,8 @@ def run_field(
             except KeyboardInterrupt as error:
                 raise record.broken_off("interrupted within a step") from error
         _finish(record, summary, stop.requested, balance, problem.law.description)
+        record.timing["output"] += recorder.closing
+        record.timing["writer"] = recorder.writing
         if summary.failed_point is not None and record.outcome == "failed":
             write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
         record.timing["compilation"] = watch.seconds + waited

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from granfabric.cases.scene import build
 from granfabric.cases.scene.effects_choice import resolve_effects
 from granfabric.cases.scene.reader import LoadedScene
@@ -19,6 +22,7 @@ from granfabric.fem.mesh.shapes import plate_with_hole, quarter_ring
 
 from . import closed_forms, initial_state, memory
 from .groups import check_groups, material_index, named_boundaries
+from .probes import probe_places
 
 
 def _linear(value: float, gradient: list[float]) -> Any:
@@ -131,6 +135,7 @@ class Prepared:
     boundaries: list[str]
     supported: list[str]
     effects: Any
+    probes: dict[str, NDArray[np.float64]]
 
 
 def _of_stage(loaded: LoadedScene, text: str) -> str:
@@ -185,4 +190,4 @@ def prepare(loaded: LoadedScene) -> Prepared:
         make_solver(control.linear_solver)
     except LinearSolverError as error:
         raise loaded.error(["solver"], f"solver.linear_solver: {error}") from error
-    return Prepared(problem, control, *named_boundaries(scene), effects)
+    return Prepared(problem, control, *named_boundaries(scene), effects, probe_places(loaded, space))

@@ -12,8 +12,11 @@ from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.fem.discretisation.active_part import nodes_of
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
+from granfabric.fem.output.derived import pressure_and_deviator as invariants
 
 from . import pore_columns
+from .reaction_columns import ReactionColumns
+from .region_columns import RegionColumns
 
 Array = NDArray[np.float64]
 
@@ -37,7 +40,8 @@ class FieldHistory:
     to the mean stress. With pore fluid stress, p and q are the total ones, `effective_p` is p' and the largest stress
     ratio is q/p'. Coordination and fabric anisotropy (magnitudes) have means and extremes over the integration points.
     For each boundary that carries loads or supports: the mean displacement of its nodes that are there [m], zero if
-    none is; for each that is supported: the force of the supports on the body [N/m].
+    none is; for each that is supported: the force of the supports on the body [N/m] and its moment about the origin
+    [N m/m]; the resultant of all supports. For each region of several: means over its area, zero where it is not there.
 
     Parameters
     ----------
@@ -55,6 +59,9 @@ class FieldHistory:
         self._description = description
         self._has_network = description.has_state("coordination") and description.has_state("fabric_anisotropy")
         self._nodes = {name: space.boundary_nodes(name) for name in boundaries}
+        self._area = space.weights
+        self._resultants = ReactionColumns(space, supported)
+        self._regions = RegionColumns(space, description)
         self.names = [
             *LEADING,
             *BODY,
@@ -63,6 +70,8 @@ class FieldHistory:
             *COUNTS,
             *(f"displacement_{name}_{axis}" for name in boundaries for axis in "xy"),
             *(f"reaction_{name}_{axis}" for name in supported for axis in "xy"),
+            *self._resultants.names,
+            *self._regions.names,
         ]
         self._supported = supported
         self.rows: list[list[Any]] = []
@@ -97,6 +106,9 @@ class FieldHistory:
             sides += displacement[present].mean(axis=0).tolist() if len(present) else [0.0, 0.0]
         for name in self._supported:
             sides += [float(force) for force in step.reactions[name]]
+        sides += self._resultants.values(step)
+        area = self._area if step.active is None else self._area * step.active[self._space.point_cell]
+        sides += self._regions.values(step.strain, step.stress, step.state, area)
         self.rows.append([step.step, step.stage, float(step.fraction), *averages, *map(int, counts), *sides])
 
     def _averages(self, weights: Array, strain: Array, stress: Array, state: Array) -> list[float]:
@@ -113,18 +125,3 @@ class FieldHistory:
         values += [float(weights @ coordination), float(coordination.min()), float(coordination.max())]
         values += [float(weights @ fabric), float(fabric.max()), float((deviators / pressures).max())]
         return values + water
-
-
-def invariants(stress: Array) -> tuple[Array, Array]:
-    """Mean pressure (compression positive) and deviator q = (s1 - s2)/2 [Pa].
-
-    Parameters
-    ----------
-    stress : ndarray, shape (n, 3)
-        xx, yy, xy, tension positive [Pa].
-
-    Returns
-    -------
-    p, q : ndarray, shape (n,)
-    """
-    return -(stress[:, 0] + stress[:, 1]) / 2, np.hypot((stress[:, 0] - stress[:, 1]) / 2, stress[:, 2])

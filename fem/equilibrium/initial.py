@@ -57,6 +57,7 @@ def initial_result(problem: Problem) -> StepResult:
         next_increment=1.0 / terms.stage.increments,
         stage_start=StageStart(nothing, nothing, nothing),
         active=None if terms.body is None else terms.body.active,
+        support=support,
     )
 
 

@@ -64,6 +64,8 @@ class StepResult:
     stage_start : StageStart
     active : ndarray of bool, shape (nelem,), optional
         Elements that are there, where stages change the body. Everything at a point of another one is zero.
+    support : ndarray, shape (ndofs,), optional
+        Nodal forces of the supports on the body, zero at free degrees of freedom [N/m].
     """
 
     stage: str
@@ -84,6 +86,7 @@ class StepResult:
     next_increment: float
     stage_start: StageStart
     active: NDArray[np.bool_] | None = None
+    support: Array | None = None
 
 
 @dataclass(frozen=True)

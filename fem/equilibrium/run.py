@@ -201,4 +201,5 @@ class Run:
             next_increment,
             start,
             None if terms.body is None else terms.body.active,
+            support=support,
         )

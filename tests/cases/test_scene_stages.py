@@ -56,7 +56,8 @@ def test_files_hold_what_is_there(tunnel: gf.Results) -> None:
         reader.SetFileName(str(file))
         reader.Update()
         grid = reader.GetOutput()
-        counts.append(grid.GetNumberOfCells())
+        # cells with curved sides are written as four
+        counts.append(len(np.unique(vtk_to_numpy(grid.GetCellData().GetArray("element")))))
         places = vtk_to_numpy(grid.GetPoints().GetData())
         assert np.array_equal(places[:, :2], tunnel.nodes_at(int(step)))
         assert np.isfinite(vtk_to_numpy(grid.GetPointData().GetArray("coordination"))).all()
@@ -92,7 +93,7 @@ def test_the_slope_is_as_its_text_says(tmp_path: Path) -> None:
     assert 1e3 * last.displacement_face_x["load"] == pytest.approx(-0.068, abs=0.002)
     assert last.reaction_bottom_y["initial"] == pytest.approx(5072e3, rel=1e-6)
     assert last.reaction_bottom_y["load"] == pytest.approx(5222e3, rel=1e-6)
-    assert last.coordination_smallest["initial"] == pytest.approx(3.72, abs=0.01)
+    assert last.coordination_smallest["initial"] == pytest.approx(3.66, abs=0.01)
     assert last.coordination_smallest["load"] == pytest.approx(3.02, abs=0.02)
 
 
