@@ -51,7 +51,7 @@ class Choice:
             checked_threads(self.threads)
         if self.scheduler is not None and self.workers is not None:
             raise InputError(
-                f"{self.option} is of processes on this machine, --scheduler of workers that are there; give one of them"
+                f"{self.option} is of processes on this machine, --scheduler of workers elsewhere; give one of them"
             )
 
     @contextmanager

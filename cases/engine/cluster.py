@@ -7,6 +7,7 @@ import queue
 import time
 import uuid
 import warnings
+from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -89,7 +90,12 @@ def _first_line(error: BaseException) -> str:
 
 
 class Cluster:
-    """Workers of Dask; see `connected`. The scheduler gives a job to another worker if one is lost."""
+    """Workers of Dask; see `connected`.
+
+    The scheduler gives what a lost worker had to another one, and after several losses gives it up: all that was
+    waiting at that worker, not only what was at work. A job that was given up is therefore done once more, alone, at
+    the end.
+    """
 
     def __init__(self, client: Any, address: str, terms: remote.Terms, screen: Screen) -> None:
         self._client, self._address, self._terms, self._screen = client, address, terms, screen
@@ -136,11 +142,12 @@ class Cluster:
         client, ended = self._client, queue.SimpleQueue[Any]()
         pending: dict[str, tuple[Job, Any]] = {}
         working: dict[str, float] = {}
+        suspects, tried = deque[Job](), set[str]()
         rank = 0
 
         def submit(jobs: Iterable[Job]) -> None:
             for job in jobs:
-                key = f"{job.key}-{self._terms.session}"
+                key = f"{job.key}-{self._terms.session}{'-alone' if job.key in tried else ''}"
                 future = client.submit(remote.perform, job, key, self._terms, key=key, pure=False, priority=rank)
                 pending[key] = (job, future)
                 future.add_done_callback(lambda done, key=key: ended.put(key))
@@ -155,10 +162,13 @@ class Cluster:
         asked, looked = False, time.monotonic()
         try:
             submit(first)
-            while pending:
+            while pending or (suspects and not asked):
                 if stop() and not asked:
                     asked = True
                     self._ask_to_stop(pending)
+                if not pending and suspects and not asked:
+                    tried.add(suspects[0].key)
+                    submit([suspects.popleft()])
                 with suppress(queue.Empty):
                     key = ended.get(timeout=POLL_SECONDS)
                     working.pop(key, None)
@@ -173,6 +183,9 @@ class Cluster:
                             future.add_done_callback(lambda done, key=key: ended.put(key))
                         else:
                             del pending[key]
+                            if isinstance(came.error, WorkerLost) and job.key not in tried:
+                                suspects.append(job)  # or only waited beside the one that ends workers
+                                continue
                             more = list(follow(job, came))
                             rank += 1  # before what was handed over earlier
                             if not asked:

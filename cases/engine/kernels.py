@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 from granfabric.constitutive.compilation import cache_directory
@@ -69,22 +69,29 @@ def mark(group: str) -> Path:
     return folder / f".compiled-{group}-{get_host_cpu_name()}-{sources()}"
 
 
+def missing(groups: Iterable[str]) -> list[str]:
+    """Those groups that have to be compiled on this machine first."""
+    return [group for group in groups if not mark(group).is_file()]
+
+
 def make_ready(groups: Iterable[str]) -> list[str]:
-    """See that groups of kernels are in the disk cache of this machine; those that were compiled for that."""
-    made = []
-    for group in groups:
-        if group in _ready:
-            continue
-        file = mark(group)
-        if not file.is_file():
+    """See that groups of kernels are in the disk cache of this machine; those that were compiled here for that."""
+    made: list[str] = []
+    wanted = [group for group in groups if group not in _ready]
+    for wait in (False, True):  # first what nobody else is at
+        for group in list(wanted):
+            file = mark(group)
             # the folder in the name: other caches do not wait for this one
             place = hashlib.sha256(str(file.parent).encode()).hexdigest()[:10]
-            with alone_on_machine(f"{group}-{place}"):
+            with nullcontext(True) if file.is_file() else alone_on_machine(f"{group}-{place}", wait) as mine:
+                if not mine:
+                    continue
                 if not file.is_file():
                     GROUPS[group]()
                     made.append(group)
                     with suppress(OSError):  # a cache that cannot be written: then every process compiles
                         file.parent.mkdir(parents=True, exist_ok=True)
                         file.touch()
-        _ready.add(group)
+                _ready.add(group)
+                wanted.remove(group)
     return made

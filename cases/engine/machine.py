@@ -7,7 +7,7 @@ import os
 import platform
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -58,7 +58,7 @@ def checked_threads(value: int) -> int:
 
 
 def limit_threads(number: int) -> None:
-    """Let compiled kernels of this process take so many threads; before NumPy and numba are loaded, their libraries too."""
+    """Let compiled kernels take so many threads; before numba is loaded, its libraries too."""
     import sys
 
     for name in THREADS:
@@ -145,21 +145,34 @@ def differences(here: dict[str, str], there: dict[str, str]) -> list[str]:
 
 
 @contextmanager
-def alone_on_machine(name: str) -> Iterator[None]:
-    """One process of a user on this machine at a time within the block, where the system can tell."""
+def alone_on_machine(name: str, wait: bool = True) -> Iterator[bool]:
+    """One process of a user on this machine at a time within the block, where the system can tell.
+
+    Parameters
+    ----------
+    name : str
+        Of what only one may do.
+    wait : bool
+        For whoever is at it; if not, the block is told False when somebody is.
+    """
     if fcntl is None:
-        yield
+        yield True
         return
     user = os.getuid() if hasattr(os, "getuid") else 0
     path = Path(tempfile.gettempdir()) / f"granfabric-{user}-{name}.lock"
     try:
         number = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
     except OSError:  # somebody else's, or a full disk: then everybody compiles
-        yield
+        yield True
         return
     try:
-        with suppress(OSError):
-            fcntl.flock(number, fcntl.LOCK_EX)
-        yield
+        mine = True
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError:
+            mine = False
+        except OSError:  # a file system without locks
+            pass
+        yield mine
     finally:
         os.close(number)
