@@ -192,7 +192,7 @@ def _check(sweep: Sweep, screen: Screen) -> _Checked:
                 base = base or table
             except InputError as error:
                 lines = str(error).split("\n")
-                wrong += [f"{run.origin}: {line}" if run.origin else line for line in lines]
+                wrong += [f"{run.origin}: {_without_option(line)}" if run.origin else line for line in lines]
                 if len(wrong) >= MOST_WRONG:
                     break
             advance(place + 1.0, f"{place + 1} of {len(plan.runs)}")
@@ -209,6 +209,11 @@ def _check(sweep: Sweep, screen: Screen) -> _Checked:
     # what is the same in all runs: the scene as it stands with what has one value, the first of what has several
     called = loaded.called if loaded.called == loaded.name else str(loaded.file.resolve())
     return _Checked(plan, _common(base, plan), marks, results, loaded, called, tuple(sorted(groups)))
+
+
+def _without_option(line: str) -> str:
+    """A message on a key without the option by which it was not given."""
+    return line.removeprefix("--set: ").removeprefix("--set ")
 
 
 def _common(base: dict[str, Any], plan: Plan) -> dict[str, Any]:
