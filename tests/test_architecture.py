@@ -28,7 +28,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "dem_ref": {"numpy", "numba", "scipy.spatial"},
     "cases": {
-        *("numpy", "numba", "scipy", "meshio", "matplotlib", "pydantic", "typer", "rich", "distributed"),
+        *("numpy", "numba", "scipy", "meshio", "matplotlib", "pydantic", "typer", "rich", "distributed", "llvmlite"),
         *("granfabric.constitutive", "granfabric.fem", "granfabric.dem_ref"),
     },
 }

@@ -385,8 +385,9 @@ def plot(
 ) -> None:
     """Make the pictures of a run from its files."""
     from granfabric.cases.pictures.draw import draw_folder
+    from granfabric.cases.sweep.pictures import draw_sweep_folder
 
-    for file in draw_folder(directory):
+    for file in draw_sweep_folder(directory) or draw_folder(directory):
         typer.echo(str(file))
 
 

@@ -26,6 +26,10 @@ LOOK_SECONDS = 10.0
 """Between two looks at whether there are workers and a scheduler."""
 GATHER_SECONDS = 10.0
 """To bring what a job returned, which is small."""
+GROUP = "granfabric"
+"""All keys begin with it, and go on with a word that begins with a digit. The scheduler then knows jobs for a group and
+keeps them until a worker is free; of keys without anything in common it gives all to workers at once, and what waits
+at a worker goes down with it."""
 SHOWN = 4
 """Workers that are named in a sentence."""
 
@@ -69,7 +73,7 @@ def connected(address: str, folder: Path, screen: Screen, stop: Stop, threads: i
                 f"--scheduler {short(address)}: no scheduler of Dask answers there ({_first_line(error)}); an address "
                 "is of the form tcp://HOST:8786"
             ) from error
-    session = uuid.uuid4().hex[:12]
+    session = f"0{uuid.uuid4().hex[:12]}"
     token = folder.resolve() / f".granfabric-{session}"
     try:
         token.write_text(session)
@@ -147,7 +151,7 @@ class Cluster:
 
         def submit(jobs: Iterable[Job]) -> None:
             for job in jobs:
-                key = f"{job.key}-{self._terms.session}{'-alone' if job.key in tried else ''}"
+                key = f"{GROUP}-{self._terms.session}-{job.key}{'-alone' if job.key in tried else ''}"
                 future = client.submit(remote.perform, job, key, self._terms, key=key, pure=False, priority=rank)
                 pending[key] = (job, future)
                 future.add_done_callback(lambda done, key=key: ended.put(key))

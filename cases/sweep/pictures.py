@@ -14,7 +14,7 @@ from granfabric.cases.errors import InputError
 from granfabric.cases.pictures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY, picture
 from granfabric.cases.records import files
 
-from .record import PICTURE, RESULTS
+from .record import KIND, PICTURE, RESULTS
 
 Array = NDArray[np.float64]
 
@@ -109,6 +109,25 @@ def draw_sweep(folder: Path, title: str) -> list[Path]:
     else:
         _points(path, title, axes[:MOST_KEYS], drawn)
     return [path]
+
+
+def draw_sweep_folder(folder: Path) -> list[Path]:
+    """Make the picture anew if the folder is that of a sweep; nothing if it is not.
+
+    Raises
+    ------
+    InputError
+        If it holds no table yet, or a damaged one.
+    """
+    record = files.whole_record(folder)
+    if record is None or record["kind"] != KIND:
+        return []
+    if not (folder / RESULTS).is_file():
+        raise InputError(f"{str(folder)!r} holds no {RESULTS}: nothing was computed before the sweep ended")
+    drawn = draw_sweep(folder, str(record["scene"].get("title", "")))
+    if not drawn:
+        raise InputError(f"{folder / RESULTS} holds no numbers that could be drawn")
+    return drawn
 
 
 def _is_grid(axes: Sequence[Axis]) -> bool:

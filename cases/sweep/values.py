@@ -2,7 +2,8 @@
 
 A comma parts two values where it stands outside brackets, braces and quotation marks: ``[-1e5, -1e5, 0]`` and
 ``"a, b"`` are one value each. ``LO:HI:N`` stands for N numbers at equal distances from LO to HI, both included, and
-``LO:HI:N:log`` for N numbers at equal ratios. Each value is what `--set` of the other commands takes.
+``LO:HI:N:log`` for N numbers at equal ratios; between whole numbers all stay whole if they can. Each value is what
+`--set` of the other commands takes.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ def values_of(assignment: str) -> tuple[str, list[str]]:
     key, equals, text = assignment.partition("=")
     key = ".".join(part.strip() for part in key.split("."))
     if not equals or not text.strip():
-        parse_assignment(assignment)  # says what is wrong
+        parse_assignment(assignment if not equals else f"{key}=0")  # says what is wrong with the key
         raise InputError(f"--set {key}: a value is missing")
     try:
         parts = parted(text)
@@ -104,6 +105,9 @@ def _spread(key: str, text: str, span: re.Match[str]) -> list[str]:
     else:
         values = np.linspace(low, high, number)
     values[0], values[-1] = low, high
+    whole = all(re.fullmatch(r"[+-]?\d+", span[end]) for end in (1, 2)) and (values == np.round(values)).all()
+    if whole and not log:
+        return [str(int(value)) for value in values]
     # 0.30000000000000004 is nobody's value: fifteen digits are what a number between two given ones has
     return [plain(float(f"{value:.15g}")) for value in values]
 
