@@ -103,7 +103,7 @@ def test_all_combinations_the_last_key_fastest() -> None:
 
 def test_names_are_readable_different_and_legal() -> None:
     both = plan_of(Request(["a.x=1,2", "b.x=[1, 2],[3, 4]"]))
-    assert [run.name for run in both.runs][0] == "a.x=1_b.x=_1_2"
+    assert both.runs[0].name == "a.x=1_b.x=_1_2"
     long = plan_of(Request([f"{'k' * 90}=1,2"]))
     assert [run.name for run in long.runs] == ["run_0001", "run_0002"]
     alike = plan_of(Request(['a="x y",x_y']))
