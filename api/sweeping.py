@@ -129,6 +129,7 @@ def sweep(
 
 
 def _table(folder: Path) -> pd.DataFrame:
-    index, found = (pd.DataFrame(files.read_csv(folder / name)).set_index("run") for name in ("index.csv", "results.csv"))
+    tables = (files.read_csv(folder / name) for name in ("index.csv", "results.csv"))
+    index, found = (pd.DataFrame(table).set_index("run") for table in tables)
     more = found[[name for name in found.columns if name not in index.columns]]
     return index.join(more).replace("", float("nan"))

@@ -30,7 +30,8 @@ FAILED_POINT = "failed_point.toml"
 OF_DATA = ("fit.csv", "fit.png", "data.csv", "data.png")
 PICTURES = (
     *("overview.png", "microvariables.png", "fabric_decomposition.png", "packing.png", "distributions.png"),
-    *("closed_form.png", "convergence.png", "map.png", "results.png", *(f"figure_{number}.png" for number in range(1, 7))),
+    *("closed_form.png", "convergence.png", "map.png", *(f"figure_{number}.png" for number in range(1, 7))),
+    "results.png",
 )
 TABLES = (
     *("verify.csv", "verify.md", "paths.csv", "probes.csv", "closures.csv", "convergence.csv"),

@@ -94,9 +94,9 @@ def map_(particles: int = 400) -> None:
             took[workers] = each[-1] + own
             print(
                 f"{workers} worker(s): {engine.jobs} tasks, {clock:.1f} s of the clock, workers "
-                f"{', '.join(f'{value:.1f}' for value in each)} s, handing out {own:.1f} s; longest way {took[workers]:.1f} "
-                f"s; {engine.sent / engine.jobs / 1e3:.1f} kB sent and {engine.returned / engine.jobs / 1e3:.1f} kB "
-                "returned a task"
+                f"{', '.join(f'{value:.1f}' for value in each)} s, handing out {own:.1f} s; longest way "
+                f"{took[workers]:.1f} s; {engine.sent / engine.jobs / 1e3:.1f} kB sent and "
+                f"{engine.returned / engine.jobs / 1e3:.1f} kB returned a task"
             )
         print(f"two workers are {took[1] / took[2]:.2f} times as fast as one")
 
@@ -115,7 +115,8 @@ def tasks(number: int = 2000) -> None:
         engine = Timed(Processes(workers))
         engine.carry_out(jobs, lambda job, ended: [], lambda work: None, lambda: False)
         own, clock = time.process_time() - own, time.perf_counter() - clock
-        print(f"{workers} process(es): {1e3 * clock / number:.2f} ms of the clock a task, {1e3 * own / number:.2f} ms here")
+        each, here = 1e3 * clock / number, 1e3 * own / number
+        print(f"{workers} process(es): {each:.2f} ms of the clock a task, {here:.2f} ms here")
     from dask_cluster import cluster
 
     with tempfile.TemporaryDirectory() as place, cluster(Path(place), 2) as dask:

@@ -30,9 +30,8 @@ DEM = ("--set", "packing.particles=200", "--set", "path.0.stress_ratio=0.1")
 def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a sweep by two processes, from the command line of another process."""
     folder = tmp_path_factory.mktemp("sweep") / "out"
-    done = subprocess.run(
-        [sys.executable, "-m", "granfabric.cases", *ASKED, "-o", folder, "--workers", "2"], capture_output=True, text=True
-    )
+    command = [sys.executable, "-m", "granfabric.cases", *ASKED, "-o", folder, "--workers", "2"]
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return folder
 
@@ -142,7 +141,8 @@ def test_a_sweep_is_replaced_if_asked_for(swept: Path, granfabric: Callable, tmp
 def test_a_failing_run_does_not_stop_the_others(granfabric: Callable, tmp_path: Path) -> None:
     """Its sentence in table, log and on screen, and exit code 1; it is not computed again."""
     table = tmp_path / "runs.csv"
-    table.write_text('name,path.0.target\nfine,"[-1.1e5, -0.9e5, 0.0]"\nbeyond,"[-1.2e5, 3e5, 0.0]"\nlast,"[-1e5,-1e5,0]"')
+    rows = ['fine,"[-1.1e5, -0.9e5, 0.0]"', 'beyond,"[-1.2e5, 3e5, 0.0]"', 'last,"[-1e5,-1e5,0]"']
+    table.write_text("\n".join(["name,path.0.target", *rows]))
     arguments = ("sweep", SCENE, "--table", table, "-o", tmp_path / "out", "--workers", 1)
     result = granfabric(*arguments)
     index = files.read_csv(tmp_path / "out" / "index.csv")
@@ -320,7 +320,8 @@ def test_two_keys_give_lines_or_a_map(tmp_path: Path, pictures: dict[str, Any]) 
     np.testing.assert_array_equal(axes.lines[1].get_xydata(), [[1, 2], [2, 4], [3, 6]])
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["u", "v"]
     a, b = np.meshgrid([0.0, 1.0, 2.0, 3.0], [10.0, 20.0, 30.0, 40.0, 50.0])
-    figure = drawn(tmp_path, pictures, {"a": a.ravel().tolist(), "b": b.ravel().tolist()}, {"x": (a + b).ravel().tolist()})
+    keys = {"a": a.ravel().tolist(), "b": b.ravel().tolist()}
+    figure = drawn(tmp_path, pictures, keys, {"x": (a + b).ravel().tolist()})
     mesh = figure.axes[0].collections[0]
     np.testing.assert_array_equal(np.asarray(mesh.get_array()).reshape(5, 4), a + b)
 
