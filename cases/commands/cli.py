@@ -18,6 +18,7 @@ from granfabric.cases.errors import InputError, RunError
 
 from .engine_options import MapWorkersOption, SchedulerOption, ThreadsEachOption, ThreadsOption
 from .fit_options import CurvesArgument, DataOption, DataSetOption, FitOutputOption, FreeOption, MaterialFileOption
+from .hosts import HostOption, assists, leading
 from .verify_options import (
     MaterialsOption,
     PackingSetOption,
@@ -158,11 +159,14 @@ def run(
     threads: ThreadsOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
+    host: HostOption = "own",
 ) -> None:
     """Compute a boundary-value problem."""
     from granfabric.cases.terminal.early_kernels import early_kernels
 
-    with early_kernels() as kernels, _speaking(quiet, verbose) as screen:
+    if assists(host):
+        return
+    with leading(host) as team, early_kernels() as kernels, _speaking(quiet, verbose) as screen:
         from granfabric.cases.scene import build
         from granfabric.cases.scene.reader import load
 
@@ -174,10 +178,10 @@ def run(
         loaded.require("field")
         kernels.start(build.kernels(loaded)[:1])
         accuracy_report.announce(loaded, screen)
-        record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels, overwrite)
+        record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels, overwrite, team)
         while upgrade and record.outcome == "finished" and record.details.get("upgrade"):
             loaded = _upgraded(scene, given, record, screen)
-            record = run_field(loaded, _folder(output, loaded.name), screen, False, kernels, overwrite)
+            record = run_field(loaded, _folder(output, loaded.name), screen, False, kernels, overwrite, team)
         accuracy_report.report(loaded, record, screen)
         _exit(record.outcome)
 
