@@ -10,6 +10,7 @@ import warnings
 from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ LOOK_SECONDS = 10.0
 """Between two looks at whether there are workers and a scheduler."""
 GATHER_SECONDS = 10.0
 """To bring what a job returned, which is small."""
+REPORTS_A_SECOND = 100
+"""Progress that all workers together tell, a tenth of what the scheduler can pass on."""
 GROUP = "granfabric"
 """All keys begin with it, and go on with a word that begins with a digit. The scheduler then knows jobs for a group and
 keeps them until a worker is free; of keys without anything in common it gives all to workers at once, and what waits
@@ -117,6 +120,7 @@ class Cluster:
         self.workers = len(self._client.nthreads())
         many = "worker" if self.workers == 1 else "workers"
         self.text = f"{self.workers} {many} at {self._address}"
+        self._terms = replace(self._terms, report_seconds=max(1.0, self.workers / REPORTS_A_SECOND))
 
     def check(self) -> None:
         """See that all workers are fit: one job at a time, the same versions, the folder in sight.

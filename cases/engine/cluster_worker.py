@@ -11,9 +11,6 @@ from typing import Any
 from . import kernels, machine
 from .jobs import Ended, Job, call, portable
 
-REPORT_SECONDS = 1.0
-"""Least time between two reports; what is done before the first costs nobody a message."""
-
 _stopped: set[str] = set()
 """Sessions that were asked to stop."""
 _fit: set[str] = set()
@@ -34,12 +31,15 @@ class Terms:
         As of `machine.versions`.
     threads : int
         Of compiled kernels.
+    report_seconds : float
+        Least time between two reports of a job; what is done before the first costs nobody a message.
     """
 
     session: str
     token: str
     versions: dict[str, str]
     threads: int
+    report_seconds: float = 1.0
 
 
 class UnfitError(RuntimeError):
@@ -114,7 +114,7 @@ def perform(job: Job, key: str, terms: Terms) -> Ended:
     def report(fraction: float) -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last > REPORT_SECONDS:
+        if now - last > terms.report_seconds:
             last = now
             worker.log_event(f"granfabric-{session}", (key, float(fraction)))
 

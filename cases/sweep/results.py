@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.cases.errors import InputError, short, unknown
-from granfabric.cases.records import files
+from granfabric.cases.records import files, pore_columns
 from granfabric.cases.records.field_history import BODY, COUNTS, NETWORK
 from granfabric.cases.scene.material_file import closure_keys, read_material
 from granfabric.constitutive.parameters import Material
-from granfabric.constitutive.path import POINT_COLUMNS, SLIDING_COLUMNS
+from granfabric.constitutive.path import POINT_COLUMNS, PORE_COLUMNS, SLIDING_COLUMNS
 from granfabric.dem_ref.loading.run import HISTORY_COLUMNS
 
 Array = NDArray[np.float64]
@@ -37,8 +37,8 @@ MATERIAL, TIMING = "material.", "timing."
 """What a DEM run measured, and times of run.json."""
 
 COLUMNS: dict[str, tuple[str, ...]] = {
-    "point": (*POINT_COLUMNS, *SLIDING_COLUMNS, RATIO),
-    "field": ("step", "fraction", *BODY, *NETWORK, *COUNTS, RATIO),
+    "point": (*POINT_COLUMNS, *SLIDING_COLUMNS, *PORE_COLUMNS, RATIO),
+    "field": ("step", "fraction", *BODY, *NETWORK, *pore_columns.PORE, *COUNTS, RATIO),
     "dem": (*HISTORY_COLUMNS, RATIO),
 }
 DEFAULTS = {
