@@ -92,9 +92,12 @@ def run_verify(
         ):
             try:
                 with record.phase("dem", watch):
+                    computed: set[int] = set()
                     if choice.workers or choice.scheduler:
-                        _side_by_side(folder / STORE, particles, numbers, choice, screen, stop)
+                        computed = _side_by_side(folder / STORE, particles, numbers, choice, screen, stop)
                     results = _measured(DemStore(folder / STORE, particles, watch.clock), numbers, screen, stop)
+                    for result in results:
+                        result.computed = result.computed or result.seed in computed
                 with record.phase("model", watch):
                     study = evaluate(results)
             except Stopped:
@@ -134,10 +137,17 @@ def refuse_numbers(particles: int | None, seeds: int | None) -> None:
 
 def _side_by_side(
     store: Path, particles: int, seeds: Sequence[int], choice: Choice, screen: Screen, stop: InterruptRequest
-) -> None:
-    """Have the DEM's results of all seeds computed; they are read from their folder afterwards."""
+) -> set[int]:
+    """Have the DEM's results of all seeds computed; they are read from their folder afterwards.
+
+    Returns
+    -------
+    set of int
+        Seeds that were not there already.
+    """
     store.mkdir(exist_ok=True)
     failed: list[str] = []
+    computed: set[int] = set()
     with choice.engine(store, screen, stop, len(seeds)) as engine, screen.progress("DEM", float(len(seeds))) as advance:
         screen.say(f"{len(seeds)} packings; {engine.text}")
         done = 0
@@ -147,9 +157,11 @@ def _side_by_side(
             done += 1
             if isinstance(ended.error, OSError):
                 raise ended.error
-            said = str(ended.error) if ended.error is not None else ended.value
+            said, new = (str(ended.error), True) if ended.error is not None else ended.value
             if said:
                 failed.append(said)
+            elif new:
+                computed.add(job.arguments[2])
             return []
 
         function = f"{dem_side.__name__}:complete_seed"
@@ -159,6 +171,7 @@ def _side_by_side(
         raise RunGivenUpError("; ".join(failed))
     if stop.requested:
         raise Stopped
+    return computed
 
 
 def _measured(store: DemStore, seeds: Sequence[int], screen: Screen, stop: InterruptRequest) -> list[SeedResult]:

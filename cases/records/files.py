@@ -28,15 +28,14 @@ CHECKPOINT = "checkpoint.npz"
 MATERIAL = "material.toml"
 FAILED_POINT = "failed_point.toml"
 OF_DATA = ("fit.csv", "fit.png", "data.csv", "data.png")
+OF_SWEEP = ("index.csv", "results.csv", "results.png", "scatter.csv")
 PICTURES = (
     *("overview.png", "microvariables.png", "fabric_decomposition.png", "packing.png", "distributions.png"),
     *("closed_form.png", "convergence.png", "map.png", *(f"figure_{number}.png" for number in range(1, 7))),
-    "results.png",
 )
 TABLES = (
     *("verify.csv", "verify.md", "paths.csv", "probes.csv", "closures.csv", "convergence.csv"),
     *("map.csv", "map_curves.csv", "map.md"),
-    *("index.csv", "results.csv", "scatter.csv"),
 )
 LOG = "run.log"
 SERIES = ("result", "points", "particles", "contacts")
@@ -44,6 +43,7 @@ OWN_FILES = (
     *(RECORD, HISTORY, LOG, SCENE, FAILED_POINT, PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
     *(MATERIAL, COMPARISON, MESH_ERROR, *TABLES, *(f"{name}.pvd" for name in SERIES), *PICTURES),
     *OF_DATA,
+    *OF_SWEEP,
 )
 CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
 OF_MAP = ("map_*.png", "material_*.toml")

@@ -234,20 +234,28 @@ class DemStore:
 
 def complete_seed(
     folder: Path, particles: int, seed: int, report: Callable[[float], None], stop: Callable[[], bool]
-) -> str:
-    """All results of a seed in the folder, as a piece of work of its own; why they are not, if so.
+) -> tuple[str, bool]:
+    """All results of a seed in the folder, as a piece of work of its own.
 
     Parameters
     ----------
     folder : Path
     particles, seed : int
     report, stop : callable
+
+    Returns
+    -------
+    failure : str
+        Why they are not there, if so.
+    computed : bool
+        Rather than read.
     """
     with watching(lambda: None) as watch:
+        store = DemStore(folder, particles, watch.clock)
         try:
-            DemStore(folder, particles, watch.clock).complete(seed, lambda text, fraction: report(fraction), stop)
+            result = store.complete(seed, lambda text, fraction: report(fraction), stop)
         except Stopped:
-            return ""
+            return "", True
         except DEM_ERRORS as error:
-            return str(error)
-    return ""
+            return str(error), True
+    return "", result.computed
