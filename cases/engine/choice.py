@@ -39,7 +39,7 @@ class Choice:
     option: str = "--workers"
 
     def check(self) -> None:
-        """See that what is asked for is legal.
+        """See that what is asked for is legal, and the workers of a scheduler fit.
 
         Raises
         ------
@@ -53,6 +53,10 @@ class Choice:
             raise InputError(
                 f"{self.option} is of processes on this machine, --scheduler of workers elsewhere; give one of them"
             )
+        if self.scheduler is not None:
+            from .cluster import examine
+
+            examine(self.scheduler)
 
     @contextmanager
     def engine(self, folder: Path, screen: Screen, stop: Stop, jobs: int | None = None) -> Iterator[Engine]:

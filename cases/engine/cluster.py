@@ -58,6 +58,34 @@ def connected(address: str, folder: Path, screen: Screen, stop: Stop, threads: i
     InputError
         If Dask is not installed, no scheduler answers, or a worker is not fit.
     """
+    session = f"0{uuid.uuid4().hex[:12]}"
+    token = folder.resolve() / f".granfabric-{session}"
+    with _client(address) as client:
+        try:
+            token.write_text(session)
+            cluster = Cluster(client, address, remote.Terms(session, str(token), machine.versions(), threads), screen)
+            cluster.wait_for_workers(stop)
+            cluster.check()
+            yield cluster
+        finally:
+            with suppress(OSError):
+                token.unlink()
+
+
+def examine(address: str) -> None:
+    """See that a scheduler answers and that the workers of the moment are fit, before anything is written.
+
+    Raises
+    ------
+    InputError
+        As `connected`; whether workers see the folder is looked at later.
+    """
+    with _client(address) as client:
+        Cluster(client, address, remote.Terms("0", "", machine.versions(), 1), Screen(quiet=True)).check()
+
+
+@contextmanager
+def _client(address: str) -> Iterator[Any]:
     try:
         import distributed
     except ImportError:
@@ -76,18 +104,9 @@ def connected(address: str, folder: Path, screen: Screen, stop: Stop, threads: i
                 f"--scheduler {short(address)}: no scheduler of Dask answers there ({_first_line(error)}); an address "
                 "is of the form tcp://HOST:8786"
             ) from error
-    session = f"0{uuid.uuid4().hex[:12]}"
-    token = folder.resolve() / f".granfabric-{session}"
     try:
-        token.write_text(session)
-        terms = remote.Terms(session, str(token), machine.versions(), threads)
-        cluster = Cluster(client, address, terms, screen)
-        cluster.wait_for_workers(stop)
-        cluster.check()
-        yield cluster
+        yield client
     finally:
-        with suppress(OSError):
-            token.unlink()
         with suppress(Exception):
             client.close(timeout=5)
 

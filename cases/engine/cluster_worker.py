@@ -26,7 +26,7 @@ class Terms:
     session : str
         Tells the commands that use a cluster apart.
     token : str
-        File that holds the session, in the folder of the results.
+        File that holds the session, in the folder of the results; empty while there is none.
     versions : dict of str to str
         As of `machine.versions`.
     threads : int
@@ -57,6 +57,8 @@ def refusal(terms: Terms, worker: Any) -> str:
     other = machine.differences(terms.versions, machine.versions())
     if other:
         return f"{', '.join(other)}; install the same everywhere"
+    if not terms.token:
+        return ""
     for attempt in range(5):
         try:
             if Path(terms.token).read_text() == terms.session:

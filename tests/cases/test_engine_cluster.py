@@ -94,8 +94,10 @@ def test_results_are_those_of_processes_here(dask: Cluster, granfabric: Callable
 
 
 def test_what_is_wrong_with_workers_is_said_before_anything_runs(
-    dask: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    dask: Cluster, granfabric: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    out = tmp_path / "out"
+
     def refused(match: str, address: str = dask.address) -> None:
         with (
             pytest.raises(InputError, match=match),
@@ -109,6 +111,10 @@ def test_what_is_wrong_with_workers_is_said_before_anything_runs(
     with monkeypatch.context() as patch:
         patch.setattr(machine, "versions", lambda: {**here, "numba": "0.1", "python": "2.7"})
         refused(rf"workers tcp://.*: numba {here['numba']} instead of 0.1, python {here['python']} instead of 2.7")
+        asked = ("--set", "material.coordination=3.9,4.0", "--scheduler", dask.address, "-o", out)
+        for command in (("sweep", "p_constant", *asked), ("verify", *asked[2:]), ("cost", "arcs", *asked[2:])):
+            result = granfabric(*command)
+            assert result.code == 2 and f"numba {here['numba']} instead of 0.1" in result.err and not out.exists()
     with monkeypatch.context() as patch:  # the folder of somebody else
         patch.setattr(Path, "write_text", lambda self, text: len(text))
         refused("does not see the folder")
