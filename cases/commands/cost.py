@@ -189,7 +189,7 @@ def _side_by_side(
     """Studies as pieces of work of their own; each is written by this process when it has finished."""
     named = {study.name: study for study in studies}
     with choice.engine(folder, screen, stop, len(studies)) as engine, screen.progress("cost", len(studies)) as show:
-        screen.say(f"{len(studies)} studies; {engine.text}")
+        screen.say(f"{len(studies)} {'study' if len(studies) == 1 else 'studies'}; {engine.text}")
         ended = 0
 
         def follow(job: Job, came: Ended) -> list[Job]:
