@@ -19,9 +19,7 @@ HostName = Literal["own", "fenicsx"]
 HostOption = Annotated[
     HostName,
     typer.Option(
-        "--host",
-        metavar="NAME",
-        help="Who computes: own, or fenicsx, also on many ranks (mpiexec -n N granfabric run ...).",
+        "--host", metavar="NAME", help="Who computes: own, or fenicsx, on many ranks by mpiexec -n N granfabric run ..."
     ),
 ]
 
