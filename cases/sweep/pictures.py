@@ -22,6 +22,8 @@ COLOURS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK)
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 MOST_RESULTS, MOST_KEYS, MOST_LINES = 6, 5, len(COLOURS)
 LONGEST_LABEL = 28
+WIDE = 30.0
+"""Largest over smallest value from which an axis is logarithmic."""
 
 
 class Axis:
@@ -35,7 +37,7 @@ class Axis:
     """
 
     def __init__(self, name: str, values: Sequence[Any]) -> None:
-        self.name = name
+        self.name = self.label_text = name
         self.is_number = all(isinstance(value, float) and math.isfinite(value) for value in values)
         distinct = dict.fromkeys(values)
         if self.is_number:
@@ -48,7 +50,7 @@ class Axis:
     @property
     def by_ratio(self) -> bool:
         """Whether the values spread over powers of ten."""
-        return self.is_number and self.distinct[0] > 0.0 and self.distinct[-1] >= 100.0 * self.distinct[0]
+        return self.is_number and self.distinct[0] > 0.0 and self.distinct[-1] >= WIDE * self.distinct[0]
 
     def label(self, place: int) -> str:
         """A value in words."""
@@ -58,7 +60,7 @@ class Axis:
 
     def describe(self, axis: Any) -> None:
         """Label and ticks of an axis of a panel."""
-        axis.set_label_text(self.name)
+        axis.set_label_text(self.label_text)
         if not self.is_number:
             axis.set_ticks(range(len(self.distinct)), [self.label(place) for place in range(len(self.distinct))])
         elif self.by_ratio:
@@ -91,6 +93,10 @@ def draw_sweep(folder: Path, title: str) -> list[Path]:
         raise InputError(f"{folder / RESULTS} is damaged: it has no columns of a sweep")
     axes = [axis for axis in (Axis(key, table[key]) for key in keys) if len(axis.distinct) > 1]
     axes = axes or [Axis("run", table["run"])]
+    for axis in axes:  # without its tables where that tells it from the others
+        last = axis.name.rpartition(".")[2]
+        if sum(other.name.rpartition(".")[2] == last for other in axes) == 1:
+            axis.label_text = last
     numbers = {name: np.array([v if isinstance(v, float) else math.nan for v in table[name]]) for name in names}
     drawn = {name: values for name, values in numbers.items() if np.isfinite(values).any()}
     drawn = dict(list(drawn.items())[:MOST_RESULTS])
@@ -161,7 +167,7 @@ def _lines(path: Path, title: str, over: Axis, each: Axis | None, numbers: dict[
             if not over.is_number:
                 axes.tick_params(axis="x", rotation=30)
             if each is not None and place == 0:
-                axes.legend(title=each.name)
+                axes.legend(title=each.label_text)
 
 
 def _maps(path: Path, title: str, axes: Sequence[Axis], numbers: dict[str, Array]) -> None:
@@ -184,7 +190,7 @@ def _maps(path: Path, title: str, axes: Sequence[Axis], numbers: dict[str, Array
 
 def _points(path: Path, title: str, axes: Sequence[Axis], numbers: dict[str, Array]) -> None:
     """A row a result, a panel a key, a point a run."""
-    with picture(path, max(2.9 * len(axes), 5.0), 2.7 * len(numbers) + 0.3) as figure:
+    with picture(path, max(3.2 * len(axes), 5.0), 2.7 * len(numbers) + 0.3) as figure:
         figure.suptitle(title, fontsize=11)
         for row, (name, values) in enumerate(numbers.items()):
             for column, axis in enumerate(axes):
