@@ -235,6 +235,7 @@ def test_a_field_goes_on_where_it_was_interrupted(granfabric: Callable, tmp_path
     assert histories(out) == histories(tmp_path / "whole")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs groups of processes")
 def test_a_killed_process_costs_its_run_only(granfabric: Callable, tmp_path: Path) -> None:
     """kill -9 of one worker of a sweep of the DEM: the sweep finishes, with the numbers of one that was left alone."""
