@@ -142,6 +142,7 @@ class Results:
         self.record = record
         self._fields = _Series(folder, "result")
         self._points = _Series(folder, "points")
+        self._kept: tuple[Array, NDArray[np.int64], Locator] | None = None
 
     def __repr__(self) -> str:
         return f"<{self.kind} results, {self.outcome}, in {str(self.folder)!r}>"
@@ -175,8 +176,12 @@ class Results:
 
     @property
     def nodes(self) -> Array:
-        """Nodes of the mesh, shape (nnodes, 2) [m]."""
-        return np.asarray(self._fields.at(-1).points)[:, :2]
+        """Nodes of the mesh at the last step, shape (nnodes, 2) [m]."""
+        return self.nodes_at(-1)
+
+    def nodes_at(self, step: int) -> Array:
+        """Nodes of what is there at a step, shape (nnodes, 2) [m]; others only where stages change the body."""
+        return np.asarray(self._fields.at(step).points)[:, :2]
 
     def names(self, step: int = -1) -> list[str]:
         """Names of the fields at a step."""
@@ -196,7 +201,8 @@ class Results:
         -------
         ndarray, shape (nnodes,), (nnodes, 2) or (nnodes, 3)
             Tensors as xx, yy, xy, tension positive [Pa]; strain with the engineering shear; vectors of second
-            harmonics in the double-angle plane.
+            harmonics in the double-angle plane. Where stages change the body, at the nodes of what is there at the step
+            (`nodes_at`).
 
         Raises
         ------
@@ -210,11 +216,14 @@ class Results:
         """The integration points, where the law itself was evaluated."""
         return PointResults(self._points)
 
-    @cached_property
-    def _locator(self) -> Locator:
-        content = self._fields.at(-1)
+    def _locator(self, step: int) -> Locator:
+        """Of the mesh of a step; kept from one step to the next as long as the mesh is the same."""
+        content = self._fields.at(step)
         (block,) = content.cells
-        return Locator(self.nodes, block.type, block.data.astype(np.int64))
+        nodes, cells = np.asarray(content.points)[:, :2], block.data.astype(np.int64)
+        if self._kept is None or not (np.array_equal(self._kept[0], nodes) and np.array_equal(self._kept[1], cells)):
+            self._kept = (nodes, cells, Locator(nodes, block.type, cells))
+        return self._kept[2]
 
     def at(self, x: float, y: float, step: int = -1) -> dict[str, float]:
         """Values of all fields at a place, by the shape functions of its cell (curved sides included).
@@ -239,7 +248,8 @@ class Results:
         table = self._table(np.array([[x, y]], dtype=np.float64), step)
         values = {name: float(column[0]) for name, column in table.items()}
         if any(np.isnan(value) for value in values.values()):
-            low, high = self.nodes.min(axis=0), self.nodes.max(axis=0)
+            nodes = self.nodes_at(step)
+            low, high = nodes.min(axis=0), nodes.max(axis=0)
             raise InputError(
                 f"({x:g}, {y:g}) lies outside of the mesh, which reaches from ({low[0]:g}, {low[1]:g}) to "
                 f"({high[0]:g}, {high[1]:g})"
@@ -275,7 +285,7 @@ class Results:
         return pandas.DataFrame({**distance, **self._table(places, step)})
 
     def _table(self, places: Array, step: int) -> dict[str, Array]:
-        nodes, weights = self._locator.find(places)
+        nodes, weights = self._locator(step).find(places)
         table: dict[str, Array] = {}
         for name in self.names(step):
             values = self.field(name, step).astype(np.float64)
@@ -293,8 +303,12 @@ class PointResults:
 
     @property
     def position(self) -> Array:
-        """Where they lie, shape (npt, 2) [m]."""
-        return np.asarray(self._source.at(-1).points)[:, :2]
+        """Where they lie at the last step, shape (npt, 2) [m]."""
+        return self.position_at(-1)
+
+    def position_at(self, step: int) -> Array:
+        """Where those lie that are there at a step, shape (npt, 2) [m]."""
+        return np.asarray(self._source.at(step).points)[:, :2]
 
     def field(self, name: str, step: int = -1) -> Array:
         """A field at the integration points; as `Results.field`."""
@@ -304,7 +318,8 @@ class PointResults:
         """All fields at the integration points, a row each, with x and y [m] first."""
         import pandas
 
-        columns: dict[str, Array] = {"x": self.position[:, 0], "y": self.position[:, 1]}
+        place = self.position_at(step)
+        columns: dict[str, Array] = {"x": place[:, 0], "y": place[:, 1]}
         for name in self._source.at(step).point_data:
             columns |= dict(_columns(name, self.field(name, step)))
         return pandas.DataFrame(columns)

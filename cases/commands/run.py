@@ -16,6 +16,7 @@ from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.resolve import resolve_field
 from granfabric.cases.errors import InputError
 from granfabric.cases.field import comparison, initial_balance, locking, mesh_error_estimate, mesh_table
+from granfabric.cases.field.body_report import BodyReport
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.records import files, pore_columns, resumption
 from granfabric.cases.records.field_history import FieldHistory
@@ -146,10 +147,11 @@ def run_field(
             record.details["decision"] = effects_report.as_data(decision)
             effects_report.announce(decision, problem.law.description.linear_response, screen)
         locking.tell(loaded.scene, record, screen)
-        balance = initial_balance.Balance(problem)
+        balance = initial_balance.Balance(problem, getattr(loaded.scene.initial, "from") == "gravity")
         if earlier is not None:
             initial_balance.continue_from(balance, earlier, record)
         initial_balance.announce(balance, loaded, problem, record, screen)
+        report_body = BodyReport(problem, record, earlier)
         with (
             screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
             record.phase("run", watch),
@@ -166,6 +168,7 @@ def run_field(
                 def on_step(step: StepResult) -> None:
                     stress_paths.add(step)
                     initial_balance.report_release(balance, step, record, screen)
+                    report_body(step, screen)
                     recorder(step)
 
                 summary = (solve if team is None else team.solve)(

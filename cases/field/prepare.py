@@ -36,7 +36,7 @@ BYTES_PER_POINT = 600
 
 def stages(scene: Any) -> list[Stage]:
     """Stages of a field scene with their loads."""
-    made = []
+    made: list[Stage] = []
     for part in scene.stage:
         loads: list[Any] = [Fixed(load.boundary, tuple(load.components)) for load in part.fixed]
         loads += [FixedPoint((load.point[0], load.point[1]), tuple(load.components)) for load in part.fixed_point]
@@ -53,7 +53,22 @@ def stages(scene: Any) -> list[Stage]:
             for load in part.closed_form
         ]
         loads += [BodyForce((load.value[0], load.value[1]), load.region) for load in part.body_force]
-        made.append(Stage(part.name, loads, part.increments, part.keep, part.drained))
+        # an estimate is no place to count displacements from: the first stage has brought it into equilibrium
+        settled = len(made) == 1 and getattr(scene.initial, "from") == "gravity"
+        made.append(
+            Stage(
+                part.name,
+                loads,
+                part.increments,
+                part.keep,
+                part.drained,
+                deactivate=part.deactivate,
+                activate=part.activate,
+                release=part.release,
+                fill_pressure=part.fill_pressure,
+                reset_displacements=part.reset_displacements or settled,
+            )
+        )
     return made
 
 
@@ -146,13 +161,15 @@ def prepare(loaded: LoadedScene) -> Prepared:
     except MeshError as error:
         raise loaded.error(["mesh"], f"mesh: {error}") from error
     point_index = None if index is None else index[space.point_cell]
-    effective = initial_state.stress(loaded, space.points)
-    stress, state = initial_state.with_water(loaded, law, space.points, effective, point_index)
+    program = stages(scene)
     try:
+        effective = initial_state.stress(loaded, space, program, law)
+        initial_state.refuse_beyond_law(loaded, law, effective, point_index)
+        stress, state = initial_state.with_water(loaded, law, space, program, effective, point_index)
         problem = Problem(
             space,
             law,
-            stages(scene),
+            program,
             initial_stress=stress,
             material_index=point_index,
             initial_state=state,

@@ -22,7 +22,7 @@ from granfabric.fem.vectors import Array
 from .results import StageStart, StepResult
 from .stored_arrays import read_stored_arrays
 
-FORMAT = 1
+FORMAT = 2
 KEPT = 2
 """Checkpoints kept on disk: should the last be damaged, the one before it still serves."""
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from granfabric.constitutive.contract import LawDescription
 from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.fem.discretisation.projection import Projection
+from granfabric.fem.discretisation.restricted import RestrictedSpace, restricted_space
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
 
@@ -81,10 +82,23 @@ def point_fields(result: StepResult, description: LawDescription) -> dict[str, A
     return fields
 
 
+def restricted_result(result: StepResult, part: RestrictedSpace) -> StepResult:
+    """A step with the values of a part of the body alone, in the order of the part's nodes and points."""
+    return replace(
+        result,
+        displacement=result.displacement.reshape(-1, 2)[part.nodes].ravel(),
+        stress=result.stress[part.points],
+        strain=result.strain[part.points],
+        state=result.state[part.points],
+        status=result.status[part.points],
+    )
+
+
 class FieldWriter:
     """Write one `.vtu` of fields and one of integration points a step, and keep `result.pvd`, `points.pvd` up to date.
 
-    A `.pvd` is replaced in one move after its `.vtu` is complete, so that what it names can always be read.
+    A `.pvd` is replaced in one move after its `.vtu` is complete, so that what it names can always be read. Where
+    stages change the body, each file holds what is there at its step, and nothing of the rest.
 
     Parameters
     ----------
@@ -110,13 +124,10 @@ class FieldWriter:
         keep: Callable[[int], bool] | None = None,
     ) -> None:
         self.folder = Path(folder)
-        self._space = space
+        self._whole = space
         self._description = description
-        self._projection = Projection(space)
-        self._grids = {
-            FIELDS: GridWriter(padded_vector(space.nodes), _CELL_TYPES[space.element], _counter_clockwise(space)),
-            POINTS: GridWriter(padded_vector(space.points), "vertex", np.arange(space.npoints).reshape(-1, 1)),
-        }
+        self._part: RestrictedSpace | None = None
+        self._take_up(space)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             probe = self.folder / ".writable"
@@ -132,6 +143,25 @@ class FieldWriter:
                 for _, file in set(series) - set(kept):
                     (self.folder / file).unlink(missing_ok=True)
         self._series = {name: kept for name, (_, kept) in existing.items()}
+
+    def _take_up(self, space: Space) -> None:
+        """Write what is on a space from now on."""
+        self._space = space
+        self._projection = Projection(space)
+        self._grids = {
+            FIELDS: GridWriter(padded_vector(space.nodes), _CELL_TYPES[space.element], _counter_clockwise(space)),
+            POINTS: GridWriter(padded_vector(space.points), "vertex", np.arange(space.npoints).reshape(-1, 1)),
+        }
+
+    def _follow_body(self, active: NDArray[np.bool_] | None) -> None:
+        """Take up the elements that are there at a step: files hold these alone, with their nodes and points."""
+        if active is None or active.all():
+            if self._part is not None:
+                self._part = None
+                self._take_up(self._whole)
+        elif self._part is None or not np.array_equal(self._part.cells, np.flatnonzero(active)):
+            self._part = restricted_space(self._whole, active)
+            self._take_up(self._part.space)
 
     def _existing(self, name: str, keep: Callable[[int], bool] | None) -> tuple[_Series, _Series]:
         """Entries of a series on disk, and those of them to keep."""
@@ -172,7 +202,11 @@ class FieldWriter:
         ------
         OutputError
         """
+        self._follow_body(result.active)
         extra = extra_fields or {}
+        if self._part is not None:
+            result = restricted_result(result, self._part)
+            extra = {name: values[self._part.points] for name, values in extra.items()}
         at_points = {**point_fields(result, self._description), **extra}
         # Projected before it is padded: less than half of the columns.
         recover = self._projection

@@ -47,6 +47,7 @@ def step(space: Space, **changed: Any) -> Any:
         "step": 3, "stage": "press", "fraction": 0.25, "stress": stress, "strain": 1e-5 * random.normal(size=(n, 3)),
         "state": state, "iterations": 11, "factorisations": 2, "cuts": 1, "substeps": 130, "limited": 5,
         "displacement": random.normal(size=space.ndofs), "reactions": {"top": (1.5, -2.5), "bottom": (-1.0, 3.0)},
+        "active": None,
     }  # fmt: skip
     return SimpleNamespace(**{**values, **changed})
 
