@@ -22,7 +22,7 @@ from granfabric.fem.vectors import Array
 from .results import StageStart, StepResult
 from .stored_arrays import read_stored_arrays
 
-FORMAT = 1
+FORMAT = 2
 KEPT = 2
 """Checkpoints kept on disk: should the last be damaged, the one before it still serves."""
 
@@ -117,6 +117,8 @@ def _built(arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> Checkpoint:
     result = values("result", "stage_start")
     result["residuals"] = tuple(result["residuals"])
     result["reactions"] = {name: (x, y) for name, (x, y) in result["reactions"].items()}
+    result["springs"] = {name: (x, y) for name, (x, y) in result["springs"].items()}
+    result["rigid"] = {name: tuple(numbers) for name, numbers in result["rigid"].items()}
     start = StageStart(**values("stage_start"))
     memory = SolverMemory(**values("memory", "factor"), factor=FactorMemory(**values("factor")))
     return Checkpoint(StepResult(**result, stage_start=start), memory)

@@ -16,6 +16,7 @@ from granfabric.fem.vectors import Array
 from .checkpoint import Checkpoint, SolverMemory
 from .control import ControlError, StepControl
 from .initial import boundary_sums, named_nodes
+from .tied_results import rigid_bodies, spring_forces, support_forces
 from .residual import Equilibrium
 from .results import FailedPoint, RunSummary, StageStart, StepResult
 
@@ -147,11 +148,14 @@ class Run:
         external: Array,
         counts: StepCounts,
         next_increment: float,
+        load_factor: float,
     ) -> StepResult:
         system, material = self._system, self._system.material
         terms = self._problem.program.terms[index]
-        support = np.zeros(system.space.ndofs)
-        support[terms.constrained] = (system.internal_force - external)[terms.constrained]
+        support = support_forces(terms, system.internal_force, external)
+        whole = index == 0 and self._problem.starts_loaded
+        program = self._problem.program
+        bodies = rigid_bodies(program, index, displacement, support, 1.0 if whole else fraction, load_factor, start)
         report = material.committed_report
         assert report is not None
         return StepResult(
@@ -172,4 +176,7 @@ class Run:
             report.limited,
             next_increment,
             start,
+            load_factor,
+            bodies,
+            spring_forces(program, index, displacement, start),
         )
