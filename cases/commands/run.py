@@ -141,7 +141,9 @@ def run_field(
             screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
             record.phase("run", watch),
         ):
-            history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
+            history = FieldHistory(
+                problem.space, problem.law.description, prepared.boundaries, prepared.supported, problem.program
+            )
             try:
                 recorder = FieldRecorder(
                     folder, problem, history, loaded.scene.output.every, advance, checkpoints, resumed

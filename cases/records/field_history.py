@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from granfabric.constitutive.contract import LawDescription
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
+from granfabric.fem.loads.load_program import LoadProgram
+
+from .body_columns import BodyColumns
 
 Array = NDArray[np.float64]
 
@@ -42,12 +45,22 @@ class FieldHistory:
         That carry loads or supports.
     supported : list of str
         Those of them that are supported.
+    program : LoadProgram, optional
+        Of it the rigid bodies, springs and controls, which have columns of their own.
     """
 
-    def __init__(self, space: Space, description: LawDescription, boundaries: list[str], supported: list[str]) -> None:
+    def __init__(
+        self,
+        space: Space,
+        description: LawDescription,
+        boundaries: list[str],
+        supported: list[str],
+        program: LoadProgram | None = None,
+    ) -> None:
         self._weights = space.weights / space.weights.sum()
         self._description = description
         self._has_network = description.has_state("coordination") and description.has_state("fabric_anisotropy")
+        self._bodies = BodyColumns(program)
         self._nodes = {name: space.boundary_nodes(name) for name in boundaries}
         self.names = [
             *LEADING,
@@ -56,6 +69,7 @@ class FieldHistory:
             *COUNTS,
             *(f"displacement_{name}_{axis}" for name in boundaries for axis in "xy"),
             *(f"reaction_{name}_{axis}" for name in supported for axis in "xy"),
+            *self._bodies.names,
         ]
         self._supported = supported
         self.rows: list[list[Any]] = []
@@ -82,6 +96,7 @@ class FieldHistory:
             sides += displacement[nodes].mean(axis=0).tolist()
         for name in self._supported:
             sides += [float(force) for force in step.reactions[name]]
+        sides += self._bodies.values(step)
         self.rows.append([step.step, step.stage, float(step.fraction), *averages, *map(int, counts), *sides])
 
     def _averages(self, strain: Array, stress: Array, state: Array) -> list[float]:
