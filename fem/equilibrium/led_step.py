@@ -25,7 +25,7 @@ from .newton import (
 )
 from .residual import Equilibrium
 
-# A led displacement that the loads move less than this, relative to their own work, is not moved by them.
+# A led displacement that the loads move less than this, relative to their size, is not moved by them.
 UNMOVED = 1e-10
 # The response to the loads that follow is solved this much better than the correction.
 RESPONSE_FORCING = 0.01
@@ -162,8 +162,7 @@ def _correction(
     if norm(response_side) > 1e-14 * norm(lead.following):
         response = system.linear_solve(response_side, RESPONSE_FORCING * forcing, committed, None)
     gained = along(lead.following, response)
-    own = dot(lead.direction, lead.following)
-    if not abs(gained) > UNMOVED * max(abs(own), abs(own - gained)):
+    if not abs(gained) > UNMOVED * norm(lead.following) * norm(lead.direction):
         raise UnmovedError("the loads that follow do not move what the control leads")
     change = -along(unbalanced, correction) / gained
     return correction + change * response, change

@@ -15,7 +15,7 @@ from granfabric.fem.linear_solvers.direct import FactorisationError
 from granfabric.fem.loads.amplitude import RAMP, Amplitude
 from granfabric.fem.loads.load_program import StageTerms
 from granfabric.fem.loads.problem import Problem
-from granfabric.fem.vectors import Array, dot
+from granfabric.fem.vectors import Array, dot, norm
 
 from .residual import Equilibrium
 from .results import StageStart
@@ -23,7 +23,7 @@ from .stage_start import external_force, led_direction, stage_start, target_disp
 
 # Relative residual of the linear solves; a direct factor reaches it in one application.
 RESIDUAL = 1e-12
-# A led displacement that the loads move less than this, relative to their own work, is not moved by them.
+# A led displacement that the loads move less than this, relative to their size, is not moved by them.
 UNMOVED = 1e-10
 
 
@@ -224,10 +224,8 @@ class LinearSolution:
         change = self._solve(force, moved + (terms.led.target - here) * direction, scale)
         missing = dot(direction, force - system.action(tangent, change, system.scratch))
         response = self._solve(following, np.zeros_like(change), scale)
-        own = dot(direction, following)
-        gained = own - dot(direction, system.action(tangent, response, system.scratch))
-        size = max(abs(own), abs(own - gained))
-        if not abs(gained) > UNMOVED * max(size, 1e-300):
+        gained = dot(direction, following - system.action(tangent, response, system.scratch))
+        if not abs(gained) > UNMOVED * norm(following) * norm(direction):
             raise LinearSolutionError("the loads do not move what the control leads")
         factor = -missing / gained
         return change + factor * response, factor

@@ -152,4 +152,4 @@ def led_direction(terms: StageTerms, displacement: Array) -> tuple[Array, float]
         return direction, float(displacement[led.dof])
     assert terms.ties is not None
     tie = terms.ties.ties[led.tie]
-    return terms.ties.lead(led.tie), float(tie.contact.motion(displacement)[tie.led])
+    return terms.ties.lead(led.tie), float(tie.contact.at_point(displacement)[tie.led])

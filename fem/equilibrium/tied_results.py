@@ -37,10 +37,14 @@ def rigid_bodies(
     for name, contact in program.contacts.items():
         terms = program.terms[index]
         own = program.forces(index, tuple(start.load_factors)).of_body(name, fraction, terms.stage.increments, load_factor)
+        tied = None
         if terms.ties is not None:
-            contact = next((tie.contact for tie in terms.ties.ties if tie.contact.body.boundary == name), contact)
-        along, across, turn = contact.motion(displacement).tolist()
-        force_x, force_y, moment = contact.generalised(support + own).tolist()
+            tied = next((tie.contact for tie in terms.ties.ties if tie.contact.body.boundary == name), None)
+        if tied is not None:
+            # what held the boundary before the body came fades out over the stage, and is felt meanwhile
+            contact, own = tied, own + (1.0 - fraction) * start.fading
+        along, across, turn = contact.at_point(displacement).tolist()
+        force_x, force_y, moment = contact.resultant(support + own).tolist()
         found[name] = (along, across, turn / contact.arm, force_x, force_y, moment * contact.arm)
     return found
 

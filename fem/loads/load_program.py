@@ -228,14 +228,13 @@ class LoadProgram:
                     f"(there are: {', '.join(map(repr, names)) or 'none'})"
                 )
             tie = ties[number := names.index(control.rigid)]
-            if control.component == "rotation":
-                return Led(control.target * tie.contact.arm, tie=number)
-            if tie.prescribed[COMPONENTS.index(control.component)]:
+            coordinate = (*COMPONENTS, "rotation").index(control.component)
+            if tie.prescribed[coordinate]:
                 raise LoadError(
-                    f"the control leads the {MOTIONS[COMPONENTS.index(control.component)]} of the rigid body on boundary "
-                    f"{control.rigid!r}, which is prescribed"
+                    f"the control leads the {MOTIONS[coordinate]} of the rigid body on boundary {control.rigid!r}, which "
+                    "is prescribed or held"
                 )
-            return Led(control.target, tie=number)
+            return Led(control.target * (tie.contact.arm if coordinate == 2 else 1.0), tie=number)
         assert control.point is not None
         node, away = _nearest(space, control.point)
         dof = 2 * node + COMPONENTS.index(control.component)

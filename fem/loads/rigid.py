@@ -15,8 +15,11 @@ from .amplitude import amplitude
 from .checks import LoadError, check_finite, pair
 
 MOTIONS = ("displacement along x", "displacement along y", "rotation")
-# A direction in which all modes are below this, relative to the largest, is one that the boundary does not feel.
+# Directions closer to an axis than this are along it.
 SAME = 1e-9
+# A motion of a smooth body whose part across the boundary is below this fraction of it is one that the boundary does not
+# feel: along a straight one, around a circle (whose normals at the nodes are right to the size of the elements squared).
+UNFELT = 1e-2
 
 
 @dataclass(frozen=True)
@@ -89,8 +92,9 @@ class RigidBody:
 class Contact:
     """The boundary of a rigid body: how its nodes follow the body's motion.
 
-    A motion has three coordinates: displacement of the point along x and y, and the rotation times `arm`, all in
-    metres. Forces that belong to them: two components and the moment over the arm.
+    A motion has three coordinates: displacement of the middle of the nodes along x and y, and the rotation times `arm`,
+    all in metres. Forces that belong to them: two components and the moment about the middle over the arm. The body's
+    point, where its force acts, may be anywhere: ``point_coordinates @ motion`` is the motion in its terms.
 
     Parameters
     ----------
@@ -101,6 +105,7 @@ class Contact:
     ----------
     nodes : ndarray of int
     point : ndarray, shape (2,)
+    point_coordinates : ndarray, shape (3, 3)
     arm : float
         Root mean square distance of the nodes from their middle [m].
     modes : ndarray, shape (n, 2, 3)
@@ -124,7 +129,11 @@ class Contact:
         middle = (ends.mean(axis=1) @ lengths) / lengths.sum()
         self.point = middle if body.point is None else np.asarray(body.point, dtype=np.float64)
         self.arm = float(np.sqrt(np.mean(np.sum((places - places.mean(axis=0)) ** 2, axis=1))))
-        away = (places - self.point) / self.arm
+        centre = places.mean(axis=0)
+        away = (places - centre) / self.arm
+        shift = (self.point - centre) / self.arm
+        self.point_coordinates: Array = np.eye(3)
+        self.point_coordinates[0, 2], self.point_coordinates[1, 2] = -shift[1], shift[0]
         self.modes: Array = np.zeros((len(self.nodes), 2, 3))
         self.modes[:, 0, 0] = self.modes[:, 1, 1] = 1.0
         self.modes[:, 0, 2], self.modes[:, 1, 2] = -away[:, 1], away[:, 0]
@@ -156,7 +165,15 @@ class Contact:
         """Coordinates that fit displacements, shape (ndofs,), best: of a tied boundary its motion."""
         moved = displacement.reshape(-1, 2)[self.nodes]
         seen = moved.ravel() if self.normal is None else np.sum(self.normal * moved, axis=1)
-        return np.linalg.lstsq(self.felt, seen, rcond=SAME)[0]
+        return np.linalg.lstsq(self.felt, seen, rcond=UNFELT)[0]
+
+    def at_point(self, displacement: Array) -> Array:
+        """That motion in terms of the body's point, shape (3,): its displacement, and the rotation times the arm [m]."""
+        return self.point_coordinates @ self.motion(displacement)
+
+    def resultant(self, nodal: Array) -> Array:
+        """Forces, shape (ndofs,), as the body feels them at its point: two components, and the moment over the arm."""
+        return np.linalg.solve(self.point_coordinates.T, self.generalised(nodal))
 
     def nodal_force(self) -> Array:
         """Nodal forces, shape (ndofs,), of the body's force and moment: as it carries them, one of many ways.
@@ -166,7 +183,7 @@ class Contact:
         LoadError
             If the boundary cannot bear them: a smooth one bears no force along it.
         """
-        wanted = np.array([*self.body.force, self.body.moment / self.arm])
+        wanted = self.point_coordinates.T @ np.array([*self.body.force, self.body.moment / self.arm])
         vector = self.spread(wanted)
         if np.abs(self.generalised(vector) - wanted).max() > 1e-6 * np.abs(wanted).max():
             raise LoadError(
@@ -179,7 +196,7 @@ class Contact:
     def spread(self, generalised: Array) -> Array:
         """Nodal forces, shape (ndofs,), with these resultants, as far as the boundary feels them."""
         felt = self.felt
-        carried = felt @ np.linalg.lstsq(felt.T @ felt, generalised, rcond=SAME)[0]
+        carried = felt @ np.linalg.lstsq(felt.T @ felt, generalised, rcond=UNFELT**2)[0]
         forces = carried.reshape(-1, 2) if self.normal is None else self.normal * carried[:, None]
         vector = np.zeros((self.space_ndofs // 2, 2))
         vector[self.nodes] = forces

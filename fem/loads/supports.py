@@ -99,11 +99,11 @@ def _add_ties(stiffness: NDArray[np.float64], stage: StageTerms, modes: NDArray[
             moves = modes[contact.dofs].reshape(-1, 2, 3)
             if contact.normal is not None:
                 moves = contact.normal[:, :, None] * np.einsum("ni,nik->nk", contact.normal, moves)[:, None]
-            free = np.stack([contact.displaced(direction) for direction in motion.free.T], axis=-1) if (
-                motion.free.shape[1]
-            ) else np.zeros((len(contact.nodes), 2, 0))
-            moved, follows = moves[mine].reshape(-1, 3), free[mine].reshape(-1, free.shape[2])
-            rest = moved - follows @ (np.linalg.pinv(follows) @ moved)
+            rest = moves[mine].reshape(-1, 3)
+            if motion.free.shape[1]:
+                free = np.stack([contact.displaced(direction) for direction in motion.free.T], axis=-1)
+                follows = free[mine].reshape(-1, free.shape[2])
+                rest = rest - follows @ (np.linalg.pinv(follows) @ rest)
             stiffness[number] += rest.T @ rest
 
 

@@ -17,7 +17,7 @@ from granfabric.fem.vectors import Array
 
 from .amplitude import RAMP, Amplitude
 from .checks import COMPONENTS, LoadError
-from .rigid import MOTIONS, SAME, Contact
+from .rigid import MOTIONS, SAME, UNFELT, Contact
 
 # Components of a unit motion below this are rounding.
 ROUNDING = 1e-13
@@ -25,7 +25,7 @@ ROUNDING = 1e-13
 
 @dataclass(frozen=True)
 class Tie:
-    """A rigid body in one stage.
+    """A rigid body in one stage; its coordinates are those of its point, and the rotation times the arm.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class Ties:
                     single[pair] = False
                     along = np.array([-ny, nx])
                     columns.append((pair, along, along))
-            finder = np.linalg.pinv(contact.felt, rcond=SAME)  # (3, m)
+            finder = np.linalg.pinv(contact.felt, rcond=UNFELT)  # (3, m)
             if contact.normal is not None:
                 finder = np.einsum("kn,ni->kni", finder, contact.normal).reshape(3, -1)
             for direction in motion.free.T:
@@ -153,7 +153,7 @@ class Ties:
             tie = motion.tie
             if not len(motion.rows):
                 continue
-            here = tie.contact.motion(start)
+            here = tie.contact.at_point(start)
             change = factor(tie.amplitude) * np.where(np.isnan(tie.target), 0.0, tie.target - here)
             values = np.array(
                 [change[own] if own >= 0 else moved[support] for own, support in zip(motion.own, motion.supports)]
@@ -186,7 +186,7 @@ def _motion(tie: Tie, place: NDArray[np.int64]) -> _Motion:
     rows, own, supports = [], [], []
     for coordinate in range(3):
         if tie.prescribed[coordinate] or coordinate == tie.led:
-            rows.append(np.eye(3)[coordinate])
+            rows.append(contact.point_coordinates[coordinate])
             own.append(coordinate)
             supports.append(-1)
     boundary = contact.body.boundary
@@ -222,7 +222,7 @@ def _motion(tie: Tie, place: NDArray[np.int64]) -> _Motion:
     free = directions[rank:].T
     if free.shape[1]:  # what the boundary does not feel is no unknown
         _, sizes, mixed = np.linalg.svd(contact.felt @ free, full_matrices=False)
-        free = free @ mixed[sizes > SAME * np.sqrt(len(contact.felt))].T
+        free = free @ mixed[sizes > UNFELT * np.sqrt(len(contact.felt))].T
     return _Motion(tie, matrix, own, np.array(supports, dtype=np.int64), inverse, free)
 
 
@@ -246,7 +246,7 @@ def check_motions(ties: Ties, moved: Array, start: Array, label: str) -> None:
         if len(motion.rows) <= 1:
             continue
         known = np.isfinite(start[tie.contact.dofs]).all()
-        here = tie.contact.motion(start) if known else np.full(3, np.nan)
+        here = tie.contact.at_point(start) if known else np.full(3, np.nan)
         change = np.where(np.isnan(tie.target), 0.0, tie.target - here)
         values = np.array(
             [
