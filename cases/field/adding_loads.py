@@ -57,7 +57,9 @@ def _shown(name: str | None) -> str:
 
 def _acts(load: Any) -> bool:
     values = load.value if isinstance(load.value, list) else [load.value]
-    return any(isinstance(value, str) or value != 0.0 for value in values) or bool(np.any(getattr(load, "gradient", 0.0)))
+    return any(isinstance(value, str) or value != 0.0 for value in values) or bool(
+        np.any(getattr(load, "gradient", 0.0))
+    )
 
 
 def _shared(mesh: HostMesh, kind: str, one: str | None, other: str | None) -> tuple[float, str]:

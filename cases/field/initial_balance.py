@@ -18,6 +18,7 @@ from granfabric.fem.loads.supports import free_motions
 from granfabric.fem.vectors import Array
 
 from .adding_loads import adding
+from .snapped import snapped
 from .stage_loads import place_function
 
 WARNED = 1e-2
@@ -136,7 +137,7 @@ def announce(balance: Balance, loaded: LoadedScene, problem: Problem, record: Re
     record.details["initial_imbalance"] = balance.as_data()
     screen.say(balance.text())
     slips = (*unheld(loaded, problem), *unchanged(loaded), *soft(loaded, problem), *pulling(loaded, problem))
-    for text in (*slips, *adding(loaded, problem.space.host_mesh)):
+    for text in (*slips, *adding(loaded, problem.space.host_mesh), *snapped(loaded, problem)):
         screen.say(text)
 
 
@@ -176,8 +177,10 @@ def unheld(loaded: LoadedScene, problem: Problem) -> list[str]:
 
 def unchanged(loaded: LoadedScene) -> list[str]:
     """A warning for each stage after the first that sets neither a load nor a support, and releases none."""
-    kinds = ("fixed", "fixed_point", "displacement", "pressure", "traction", "body_force", "closed_form")
-    kinds = (*kinds, "rigid", "spring")
+    kinds = (
+        *("fixed", "fixed_point", "displacement", "pressure", "traction", "body_force", "closed_form"),
+        *("rigid", "spring"),
+    )
     return [
         f"warning: {loaded.label(['stage', place])}: the stage has no loads: nothing changes in it (it may have "
         f"{', '.join(kinds)})"

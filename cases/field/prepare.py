@@ -21,7 +21,6 @@ from . import initial_state, memory
 from .groups import check_groups, material_index, named_boundaries
 from .stage_loads import stages
 
-
 POINTS = {"P1": 1, "P2": 3, "Q1": 4, "Q2": 9}
 """Integration points of an element."""
 BYTES_PER_POINT = 600
@@ -49,7 +48,10 @@ def read_or_make_mesh(loaded: LoadedScene) -> HostMesh:
         if part.name in made.boundaries:
             raise loaded.error(keys, f"{loaded.label(keys)}: the mesh has a boundary {part.name!r} already")
         try:
-            made.boundaries[part.name] = made.facets_between(part.boundary, part.x, part.y)
+            if part.snap:
+                made.boundaries[part.name] = made.facets_near(part.boundary, part.x, part.y)[0]
+            else:
+                made.boundaries[part.name] = made.facets_between(part.boundary, part.x, part.y)
         except MeshError as error:
             raise loaded.error(keys, f"{loaded.label(keys)}: {error}") from error
     return made

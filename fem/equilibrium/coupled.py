@@ -12,6 +12,7 @@ import numpy as np
 from granfabric.fem.linear_solvers.direct import FactorisationError
 from granfabric.fem.vectors import Array
 
+from .bands import band_fraction
 from .checkpoint import SolverMemory
 from .control import ControlError
 from .led_step import Lead, led_step
@@ -189,6 +190,12 @@ class CoupledRun(Run):
             cuts, iterations, factorisations = 0, 0, self._accounting.factorisations
         self._factors.append(1.0 if terms.led is None else load_factor)
         return fraction, ""
+
+    def _band_fraction(self, finished: bool) -> float:
+        material = self._system.material
+        # of a run that could not go on the last trial, as its start has the tangent of a zero increment
+        tangent = material.tangent_start if finished or not material.tangent_end.any() else material.tangent_end
+        return band_fraction(tangent, self._problem.space.weights) if np.isfinite(tangent).all() else 0.0
 
     def _memory(self, last_correction: Array, last_increment: float) -> SolverMemory:
         system = self._system

@@ -206,9 +206,7 @@ class LinearSolution:
                 right_hand_side = right_hand_side - system.unknowns.reduce(action)
         if system.worth_solving(right_hand_side, scale):
             try:
-                system.unknowns.add(
-                    change, system.linear_solve(right_hand_side, RESIDUAL, committed=True, guess=None)
-                )
+                system.unknowns.add(change, system.linear_solve(right_hand_side, RESIDUAL, committed=True, guess=None))
             except FactorisationError as error:
                 raise LinearSolutionError(f"the stiffness cannot be solved: {error}") from error
             self._solves += 1

@@ -141,6 +141,8 @@ class RunSummary:
         Wall-clock time by phase, see `fem.accounting.Accounting`.
     failed_point : FailedPoint or None
         The point at which the last attempt failed, if it did at a point.
+    band_fraction : float
+        Area fraction in which the tangent of the end lets shear bands form, see `granfabric.fem.equilibrium.bands`.
     """
 
     finished: bool
@@ -151,3 +153,4 @@ class RunSummary:
     counters: dict[str, int] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     failed_point: FailedPoint | None = None
+    band_fraction: float = 0.0

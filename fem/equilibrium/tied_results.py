@@ -32,11 +32,13 @@ def rigid_bodies(
     load_factor: float,
     start: StageStart,
 ) -> dict[str, tuple[float, ...]]:
-    """Motion, force and moment of each body, see `StepResult`; of a boundary that is not tied now what it would have."""
-    found = {}
+    """Motion, force and moment of each body, see `StepResult`; of a boundary that is not tied now what fits best."""
+    found: dict[str, tuple[float, ...]] = {}
     for name, contact in program.contacts.items():
         terms = program.terms[index]
-        own = program.forces(index, tuple(start.load_factors)).of_body(name, fraction, terms.stage.increments, load_factor)
+        own = program.forces(index, tuple(start.load_factors)).of_body(
+            name, fraction, terms.stage.increments, load_factor
+        )
         tied = None
         if terms.ties is not None:
             tied = next((tie.contact for tie in terms.ties.ties if tie.contact.body.boundary == name), None)

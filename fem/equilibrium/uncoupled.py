@@ -116,7 +116,16 @@ class UncoupledRun(Run):
             increment = 1.0 / self._problem.stages[index].increments
             self._hand_out(
                 partial(
-                    self._result, index, solution.start, step, end, displacement, external, counts, increment, load_factor
+                    self._result,
+                    index,
+                    solution.start,
+                    step,
+                    end,
+                    displacement,
+                    external,
+                    counts,
+                    increment,
+                    load_factor,
                 ),
                 self._memory,
             )
@@ -131,7 +140,9 @@ class UncoupledRun(Run):
             return 0
         if solution.varying:
             # not along a straight line: each increment is followed, reported or not
-            within = [place for place in positions(solution.corners, solution.increments) if self._committed < place < end]
+            within = [
+                place for place in positions(solution.corners, solution.increments) if self._committed < place < end
+            ]
             substeps = 0
             for place in [*within, end]:
                 count = self._follow(index, solution, place)

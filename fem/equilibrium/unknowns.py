@@ -1,4 +1,4 @@
-"""Unknowns of a stage: free degrees of freedom, or those and the coordinates of rigid bodies; matrices in terms of them."""
+"""Unknowns of a stage: free degrees of freedom, or those and coordinates of rigid bodies; matrices in terms of them."""
 
 from __future__ import annotations
 

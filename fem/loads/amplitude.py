@@ -46,7 +46,9 @@ class Amplitude:
         if not number or not 0.0 < self.cycles <= MOST_CYCLES:
             raise LoadError(f"cycles = {self.cycles!r} is not a number in (0, {MOST_CYCLES}]")
         if self.cycles != 1.0 and self.kind not in PERIODIC:
-            raise LoadError(f"cycles = {self.cycles!r} goes with {', '.join(PERIODIC)}, not with amplitude {self.kind!r}")
+            raise LoadError(
+                f"cycles = {self.cycles!r} goes with {', '.join(PERIODIC)}, not with amplitude {self.kind!r}"
+            )
         if self.kind == "table":
             _check_table(self.table)
 
@@ -129,8 +131,8 @@ def _check_table(table: Sequence[tuple[float, float]]) -> None:
     if len(close):
         row = int(close[0])
         raise LoadError(
-            f"the table of an amplitude goes from {times[row]:g} to {times[row + 1]:g} in rows {row + 1} and {row + 2}; "
-            "fractions have to ascend"
+            f"the table of an amplitude goes from {times[row]:g} to {times[row + 1]:g} in rows {row + 1} and "
+            f"{row + 2}; fractions have to ascend"
         )
 
 

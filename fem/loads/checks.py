@@ -78,7 +78,9 @@ def values_at(owner: str, value: Any, shape: tuple[int, ...], *places: Array) ->
         If it is of another shape, which would be another load, or not finite; then with the first such place.
     """
     if isinstance(value, tuple) and any(callable(part) for part in value):
-        came = np.stack([np.broadcast_to(values_at(owner, part, (), *places), len(places[0])) for part in value], axis=-1)
+        came = np.stack(
+            [np.broadcast_to(values_at(owner, part, (), *places), len(places[0])) for part in value], axis=-1
+        )
     else:
         came = value(*places) if callable(value) else value
     wanted = (len(places[0]), *shape)
@@ -98,4 +100,5 @@ def _first_place(value: Any, came: Any, wanted: tuple[int, ...], places: tuple[A
     if not len(bad):
         return ""
     said = f" of {value.text!r}" if isinstance(value, Expression) else ""
-    return f" ({len(bad)} of {len(places[0])} values{said}, the first at ({places[0][bad[0]]:.6g}, {places[1][bad[0]]:.6g}) m)"
+    x, y = (float(place[bad[0]]) for place in places[:2])
+    return f" ({len(bad)} of {len(places[0])} values{said}, the first at ({x:.6g}, {y:.6g}) m)"

@@ -230,7 +230,9 @@ class _Parser:
             self._close(place)
             self._depth -= 1
         else:
-            raise self._error(place, f"{self._shown} is out of place; a number, x, y, pi, a function or '(' is legal here")
+            raise self._error(
+                place, f"{self._shown} is out of place; a number, x, y, pi, a function or '(' is legal here"
+            )
 
     def _close(self, opened: int) -> None:
         if self._token != ")":

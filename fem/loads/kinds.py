@@ -1,7 +1,7 @@
 """Loads and stages as data.
 
-A value may be a number, a function of place, or the text of an expression in x and y (`granfabric.fem.loads.expression`).
-An ``amplitude`` says how a load goes through its stage (`granfabric.fem.loads.amplitude`); it is the stage's if None.
+A value may be a number, a function of place, or the text of an expression in x and y
+(`granfabric.fem.loads.expression`). An ``amplitude`` says how a load goes through its stage (`granfabric.fem.loads.amplitude`); it is the stage's if None.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from .amplitude import RAMP, Amplitude, amplitude
-from .checks import COMPONENTS, Array, LoadError, Value, check_component, pair, scalar, several
+from .checks import COMPONENTS, LoadError, Value, check_component, pair, scalar, several
 from .control import LoadControl
 from .rigid import RigidBody
 from .springs import Spring
@@ -213,8 +213,12 @@ class Stage:
             object.__setattr__(self, "amplitude", amplitude(self.amplitude))
         except LoadError as error:
             raise LoadError(f"stage {self.name!r}: {error}") from None
-        if self.name == INITIAL and (self.control is not None or any(self.amplitude_of(load) != RAMP for load in self.loads)):
-            raise LoadError(f"stage {self.name!r}: its loads act from the outset; it has neither an amplitude nor a control")
+        if self.name == INITIAL and (
+            self.control is not None or any(self.amplitude_of(load) != RAMP for load in self.loads)
+        ):
+            raise LoadError(
+                f"stage {self.name!r}: its loads act from the outset; it has neither an amplitude nor a control"
+            )
         if self.control is not None:
             self.control.check(self)
 

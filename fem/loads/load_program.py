@@ -136,8 +136,6 @@ class LoadProgram:
     terms : list of StageTerms
     contacts : dict of str to Contact
         Boundaries that are tied to a rigid body in some stage.
-    notes : list of str
-        What is worth saying before the run: where the points of supports and controls have moved to.
 
     Raises
     ------
@@ -151,7 +149,6 @@ class LoadProgram:
         check_stages(stages)
         self.terms: list[StageTerms] = []
         self.contacts: dict[str, Contact] = {}
-        self.notes: list[str] = []
         constraints: dict[Key, _Constraint] = {}
         ties: dict[str, Tie] = {}
         springs: dict[str, tuple[Spring, csr_matrix]] = {}
@@ -236,13 +233,9 @@ class LoadProgram:
                 )
             return Led(control.target * (tie.contact.arm if coordinate == 2 else 1.0), tie=number)
         assert control.point is not None
-        node, away = _nearest(space, control.point)
+        node = _nearest(space, control.point)
         dof = 2 * node + COMPONENTS.index(control.component)
         x, y = space.nodes[node]
-        if away > 0.0:
-            self.notes.append(
-                f"stage {terms.stage.name!r}: the control leads the node at ({x:.6g}, {y:.6g}) m, {away:.3g} m from its point"
-            )
         if dof in terms.constrained:
             raise LoadError(
                 f"the control leads component {control.component} of the node at ({x:.6g}, {y:.6g}), which is prescribed"
@@ -303,11 +296,9 @@ def _refuse_supports_on_tied(stage: Stage, held: dict[str, Tie], named: _Named) 
                 )
 
 
-def _nearest(space: Space, point: Sequence[float]) -> tuple[int, float]:
-    """Node nearest to a point, and how far it is."""
-    squares = np.sum((space.nodes - np.asarray(point)) ** 2, axis=1)
-    node = int(np.argmin(squares))
-    return node, float(np.sqrt(squares[node]))
+def _nearest(space: Space, point: Sequence[float]) -> int:
+    """Node nearest to a point."""
+    return int(np.argmin(np.sum((space.nodes - np.asarray(point)) ** 2, axis=1)))
 
 
 def _resolve(space: Space, load: Load, stage: Stage, named: _Named) -> None:
@@ -315,7 +306,7 @@ def _resolve(space: Space, load: Load, stage: Stage, named: _Named) -> None:
     amplitude = stage.amplitude_of(load)
     if isinstance(load, (Fixed, FixedPoint, Displacement)):
         if isinstance(load, FixedPoint):
-            nodes = np.array([_nearest(space, load.point)[0]])
+            nodes = np.array([_nearest(space, load.point)])
             place, components = f"point {load.point}", load.components
         else:
             nodes, place = space.boundary_nodes(load.boundary), f"boundary {load.boundary!r}"
@@ -374,9 +365,7 @@ def _force(space: Space, load: Traction | Pressure | BodyForce) -> tuple[Key, Ar
 
         return ("pressure", load.boundary), space.traction_vector(load.boundary, pressing)
     owner = f"the traction on boundary {load.boundary!r}"
-    vector = space.traction_vector(
-        load.boundary, lambda x, y, nx, ny: values_at(owner, load.value, (2,), x, y, nx, ny)
-    )
+    vector = space.traction_vector(load.boundary, lambda x, y, nx, ny: values_at(owner, load.value, (2,), x, y, nx, ny))
     return (load.name, load.boundary), vector
 
 

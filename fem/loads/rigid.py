@@ -73,7 +73,9 @@ class RigidBody:
             if moved is not None:
                 check_finite(f"displacement {component} of the {owner}", moved)
                 if force:
-                    raise LoadError(f"{owner}: it has a displacement and a force along {component}; one follows from the other")
+                    raise LoadError(
+                        f"{owner}: it has a displacement and a force along {component}; one follows from the other"
+                    )
         if self.rotation not in ("free", "fixed") and isinstance(self.rotation, str):
             raise LoadError(f"{owner}: rotation = {self.rotation!r} is not 'free', 'fixed' or a number")
         if self.rotation not in ("free", "fixed"):
@@ -143,7 +145,9 @@ class Contact:
             across = across.reshape(-1, 2)[self.nodes]
             size = np.hypot(across[:, 0], across[:, 1])
             if (size <= SAME * size.max()).any():
-                raise LoadError(f"rigid body on boundary {body.boundary!r}: a smooth one needs a boundary with two sides")
+                raise LoadError(
+                    f"rigid body on boundary {body.boundary!r}: a smooth one needs a boundary with two sides"
+                )
             self.normal = across / size[:, None]
         self.space_ndofs = space.ndofs
 
@@ -165,7 +169,7 @@ class Contact:
         """Coordinates that fit displacements, shape (ndofs,), best: of a tied boundary its motion."""
         moved = displacement.reshape(-1, 2)[self.nodes]
         seen = moved.ravel() if self.normal is None else np.sum(self.normal * moved, axis=1)
-        return np.linalg.lstsq(self.felt, seen, rcond=UNFELT)[0]
+        return np.asarray(np.linalg.lstsq(self.felt, seen, rcond=UNFELT)[0])
 
     def at_point(self, displacement: Array) -> Array:
         """That motion in terms of the body's point, shape (3,): its displacement, and the rotation times the arm [m]."""
@@ -173,7 +177,7 @@ class Contact:
 
     def resultant(self, nodal: Array) -> Array:
         """Forces, shape (ndofs,), as the body feels them at its point: two components, and the moment over the arm."""
-        return np.linalg.solve(self.point_coordinates.T, self.generalised(nodal))
+        return np.asarray(np.linalg.solve(self.point_coordinates.T, self.generalised(nodal)))
 
     def nodal_force(self) -> Array:
         """Nodal forces, shape (ndofs,), of the body's force and moment: as it carries them, one of many ways.

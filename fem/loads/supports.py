@@ -107,9 +107,7 @@ def _add_ties(stiffness: NDArray[np.float64], stage: StageTerms, modes: NDArray[
             stiffness[number] += rest.T @ rest
 
 
-def _add_springs(
-    stiffness: NDArray[np.float64], stage: StageTerms, modes: NDArray[np.float64], body: NDArray
-) -> None:
+def _add_springs(stiffness: NDArray[np.float64], stage: StageTerms, modes: NDArray[np.float64], body: NDArray) -> None:
     for _, matrix in stage.springs:
         scaled = matrix / abs(matrix).max()
         for number in np.unique(body[np.unique(matrix.indices) // 2]).tolist():

@@ -214,8 +214,8 @@ def _motion(tie: Tie, place: NDArray[np.int64]) -> _Motion:
         others = np.delete(matrix, own.index(tie.led), axis=0)
         if np.linalg.matrix_rank(matrix, SAME) == np.linalg.matrix_rank(others, SAME):
             raise LoadError(
-                f"the control leads the {MOTIONS[tie.led]} of the rigid body on boundary {boundary!r}, which is prescribed "
-                "or held by supports"
+                f"the control leads the {MOTIONS[tie.led]} of the rigid body on boundary {boundary!r}, which is "
+                "prescribed or held by supports"
             )
     _, sizes, directions = np.linalg.svd(matrix) if len(rows) else (None, np.zeros(0), np.eye(3))
     rank = int((sizes > SAME).sum())

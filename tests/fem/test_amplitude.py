@@ -35,8 +35,12 @@ def test_periodic_ones_have_their_closed_forms_and_corners_at_extremes(cycles):
         corners = one.corners(10)
         # extremes of a sine are where its size is 1; of the haversine 0 or 1
         at = np.array([one.factor(place, 10) for place in corners])
-        np.testing.assert_allclose(np.abs(at - (0.5 if kind == "haversine" else 0.0)), 0.5 if kind == "haversine" else 1.0)
-        assert len(corners) == (np.ceil(2 * cycles - 1e-9) - 1 if kind == "haversine" else np.floor(2 * cycles + 0.5 - 1e-9))
+        np.testing.assert_allclose(
+            np.abs(at - (0.5 if kind == "haversine" else 0.0)), 0.5 if kind == "haversine" else 1.0
+        )
+        assert len(corners) == (
+            np.ceil(2 * cycles - 1e-9) - 1 if kind == "haversine" else np.floor(2 * cycles + 0.5 - 1e-9)
+        )
 
 
 def test_ramp_step_and_table():

@@ -70,7 +70,28 @@ def test_other_texts_are_refused_at_their_character(text, sentence):
 
 def test_any_text_is_an_expression_or_refused():
     random = np.random.default_rng(11)
-    pieces = ["x", "y", "pi", "1", "2.5e3", "+", "-", "*", "/", "^", "**", "(", ")", ",", "sin", "min", "step", " ", "e", "\u00e9"]
+    pieces = [
+        "x",
+        "y",
+        "pi",
+        "1",
+        "2.5e3",
+        "+",
+        "-",
+        "*",
+        "/",
+        "^",
+        "**",
+        "(",
+        ")",
+        ",",
+        "sin",
+        "min",
+        "step",
+        " ",
+        "e",
+        "\u00e9",
+    ]
     legal = 0
     for _ in range(3000):
         text = "".join(random.choice(pieces, random.integers(1, 9)))

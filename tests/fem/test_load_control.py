@@ -90,12 +90,20 @@ def test_past_the_peak_of_a_softening_bar(follows):
     assert summary.finished, summary.message
     settled = np.array([-nodal(step)[space.boundary_nodes("top"), 1].mean() for step in steps])
     np.testing.assert_allclose(settled, 3e-2 * np.arange(1, 11) / 10, rtol=1e-9)
-    np.testing.assert_allclose([step.load_factor for step in steps], 1000 * settled / (1 + (settled / 1e-2) ** 2), rtol=1e-8)
+    np.testing.assert_allclose(
+        [step.load_factor for step in steps], 1000 * settled / (1 + (settled / 1e-2) ** 2), rtol=1e-8
+    )
     assert summary.counters["lu_fallbacks"] <= (0 if follows == "rigid" else 10)
     if follows == "rigid":
-        np.testing.assert_allclose([-step.rigid["top"][4] for step in steps], [step.load_factor for step in steps], rtol=1e-8)
+        np.testing.assert_allclose(
+            [-step.rigid["top"][4] for step in steps], [step.load_factor for step in steps], rtol=1e-8
+        )
     # a prescribed force does not get past the peak, and stops before it
-    pushed = replace(stage, loads=[*stage.loads[:3], {**loads, "rigid": RigidBody("top", force=(0.0, -6.0), rotation="fixed")}["rigid"]], control=None)
+    pushed = replace(
+        stage,
+        loads=[*stage.loads[:3], {**loads, "rigid": RigidBody("top", force=(0.0, -6.0), rotation="fixed")}["rigid"]],
+        control=None,
+    )
     _, failed = run(space, law, [pushed], TIGHT)
     assert not failed.finished and 0.7 < failed.fraction < 5.0 / 6.0 + 1e-3
 

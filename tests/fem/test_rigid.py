@@ -65,7 +65,9 @@ def test_pushed_by_the_reaction_it_moves_as_if_displaced(law, rough, keep_factor
     pushed, summary = run(space, law, [Stage("push", [*HOLD, pushed_body], 4)], control)
     assert summary.finished
     # Plastic steps of other paths end near, not on, the same state.
-    np.testing.assert_allclose(pushed[-1].rigid["footing"][:3], displaced[-1].rigid["footing"][:3], atol=1e-9 if law is ELASTIC else 2e-5)
+    np.testing.assert_allclose(
+        pushed[-1].rigid["footing"][:3], displaced[-1].rigid["footing"][:3], atol=1e-9 if law is ELASTIC else 2e-5
+    )
     np.testing.assert_allclose(pushed[-1].rigid["footing"][3:], (force_x, force_y, moment), rtol=1e-7, atol=1e-9)
     # all of the force is a load: supports of the footing add nothing
     assert np.abs(pushed[-1].reactions["footing"]).max() < 1e-8
@@ -124,7 +126,10 @@ def test_a_smooth_body_on_a_slant_moves_as_on_the_level():
     )
     force = (1.5 * np.sin(angle), -1.5 * np.cos(angle))
     steps, summary = run(
-        Space(lean, "P2"), PLASTIC, [Stage("push", [Fixed("bottom"), RigidBody("footing", False, force, 0.1)], 3)], TIGHT
+        Space(lean, "P2"),
+        PLASTIC,
+        [Stage("push", [Fixed("bottom"), RigidBody("footing", False, force, 0.1)], 3)],
+        TIGHT,
     )
     assert summary.finished
     across = np.array([-np.sin(angle), np.cos(angle)])
@@ -160,7 +165,9 @@ def test_matrix_and_products_agree_and_are_symmetric():
     """T^T K T as a matrix is what the products are, springs included; the pattern is symmetric."""
     space = Space(turned(ground(), 0.4), "P2")
     for rough in (True, False):
-        stage = Stage("a", [Fixed("bottom"), RigidBody("footing", rough), Spring("edge", 50.0, 20.0), Spring("right", 3.0)])
+        stage = Stage(
+            "a", [Fixed("bottom"), RigidBody("footing", rough), Spring("edge", 50.0, 20.0), Spring("right", 3.0)]
+        )
         problem = Problem(space, ELASTIC, [stage])
         system = Equilibrium(problem, StepControl(), Accounting())
         system.constrain(problem.program.terms[0])
@@ -195,7 +202,9 @@ def test_stages_take_over_from_supports_release_and_keep():
     )
     alone, _ = run(space, ELASTIC, [Stage("off", [*HOLD, Pressure("edge", 0.5)])], TIGHT)
     np.testing.assert_allclose(steps[-1].displacement, alone[-1].displacement, atol=1e-12)
-    nearly, _ = run(space, ELASTIC, [Stage("a", [*HOLD, RigidBody("footing", force=(0.0, -2.0)), Pressure("edge", 0.5)])], TIGHT)
+    nearly, _ = run(
+        space, ELASTIC, [Stage("a", [*HOLD, RigidBody("footing", force=(0.0, -2.0)), Pressure("edge", 0.5)])], TIGHT
+    )
     np.testing.assert_allclose(steps[3].displacement, nearly[-1].displacement, atol=1e-12)
 
 
@@ -248,7 +257,11 @@ def test_the_same_bits_follow_from_a_checkpoint(law):
         ([RigidBody("footing", False, (1.0, 0.0))], "bears no force along its boundary"),
         ([RigidBody("ftg")], "nearest is 'footing'"),
         (
-            [Fixed("bottom", ("y",)), Displacement("left", "x", 0.1), RigidBody("edge", displacement=(0.0, None), rotation="fixed")],
+            [
+                Fixed("bottom", ("y",)),
+                Displacement("left", "x", 0.1),
+                RigidBody("edge", displacement=(0.0, None), rotation="fixed"),
+            ],
             "contradict each other",
         ),
     ],

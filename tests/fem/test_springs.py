@@ -59,7 +59,9 @@ def test_stiffness_by_an_expression_and_stiff_springs_are_a_support():
     """k = k0 (1 + x) under a rigid settlement d: force k0 d int (1 + x); the stiffer, the nearer to a roller."""
     space = Space(distorted("P2"), "P2")
     stiff = LinearElasticLaw(ElasticMaterial(1e6, 0.3))
-    stage = Stage("a", [*SIDES, Spring("bottom", "5*(1 + x)"), RigidBody("top", displacement=(None, -0.01), rotation="fixed")])
+    stage = Stage(
+        "a", [*SIDES, Spring("bottom", "5*(1 + x)"), RigidBody("top", displacement=(None, -0.01), rotation="fixed")]
+    )
     steps, _ = run(space, stiff, [stage])
     assert steps[-1].springs["bottom"][1] == pytest.approx(0.01 * 5 * 4.0, rel=1e-4)
     held, _ = run(space, ELASTIC, [Stage("a", [*SIDES, Fixed("bottom"), Pressure("top", 1.0)])], TIGHT)
@@ -89,7 +91,9 @@ def test_installed_without_force_kept_and_removed(law):
     below = 1 / (1 / 100.0 + 1 / OEDOMETRIC)  # column and bed in series
     at = {name: nodal(step)[top, 1].mean() for name, step in named.items()}
     assert at["first"] == pytest.approx(-0.2 / below, rel=1e-9)
-    assert at["prop"] == pytest.approx(at["first"], rel=1e-9) and named["prop"].springs["top"][1] == pytest.approx(0.0, abs=1e-9)
+    assert at["prop"] == pytest.approx(at["first"], rel=1e-9) and named["prop"].springs["top"][1] == pytest.approx(
+        0.0, abs=1e-9
+    )
     assert at["more"] - at["first"] == pytest.approx(-0.4 / (below + 40.0), rel=1e-9)
     assert named["more"].springs["top"][1] == pytest.approx(2 * 0.4 * 40.0 / (below + 40.0), rel=1e-9)
     assert at["off"] == pytest.approx(-0.6 / below, rel=1e-9)
@@ -117,9 +121,13 @@ def test_springs_hold_a_body_and_bad_ones_are_refused():
         Problem(space, ELASTIC, [Stage("a", [Spring("top", 1.0), Spring("top", 2.0)])])
     from granfabric.fem.loads.supports import free_motions
 
-    held = Problem(space, ELASTIC, [Stage("a", [Spring("top", 1.0, 1.0)]), Stage("b", [FixedPoint((0, 0))], keep=False)])
+    held = Problem(
+        space, ELASTIC, [Stage("a", [Spring("top", 1.0, 1.0)]), Stage("b", [FixedPoint((0, 0))], keep=False)]
+    )
     assert free_motions(space, held.program.terms) == ["", "turn"]
-    assert free_motions(space, Problem(space, ELASTIC, [Stage("a", [Spring("top", 1.0)])]).program.terms) == ["move along x"]
+    assert free_motions(space, Problem(space, ELASTIC, [Stage("a", [Spring("top", 1.0)])]).program.terms) == [
+        "move along x"
+    ]
     tied = Problem(space, ELASTIC, [Stage("a", [RigidBody("top", rotation="fixed", displacement=(0.0, 0.0))])])
     assert free_motions(space, tied.program.terms) == [""]
     loose = Problem(space, ELASTIC, [Stage("a", [RigidBody("top", rotation="fixed")])])
@@ -127,7 +135,7 @@ def test_springs_hold_a_body_and_bad_ones_are_refused():
 
 
 def test_rectangle_patch_of_first_order_with_springs_on_three_sides():
-    """Constant stress under pressure from the right against springs on the left: a patch test with boundary stiffness."""
+    """Constant stress under pressure from the right against springs on the left."""
     space = Space(rectangle(2.0, 1.0, 3, 2, "quad"), "Q1")
     stage = Stage("a", [Fixed("bottom", ("y",)), Fixed("top", ("y",)), Spring("left", 25.0), Pressure("right", 0.5)])
     steps, _ = run(space, ELASTIC, [stage], TIGHT)
