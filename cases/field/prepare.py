@@ -119,7 +119,8 @@ def prepare(loaded: LoadedScene) -> Prepared:
     except MeshError as error:
         raise loaded.error(["mesh"], f"mesh: {error}") from error
     point_index = None if index is None else index[space.point_cell]
-    stress = initial_state.stress(loaded, space.points)
+    effective = initial_state.stress(loaded, space.points)
+    stress, state = initial_state.with_water(loaded, law, space.points, effective, point_index)
     try:
         problem = Problem(
             space,
@@ -127,7 +128,7 @@ def prepare(loaded: LoadedScene) -> Prepared:
             stages(scene),
             initial_stress=stress,
             material_index=point_index,
-            initial_state=initial_state.random_state(loaded, law, space.points, stress, point_index),
+            initial_state=state,
             balance_initial_stress=scene.initial.balance,
         )
     except (LoadError, MeshError) as error:

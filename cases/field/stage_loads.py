@@ -80,5 +80,5 @@ def stages(scene: Any) -> list[Stage]:
         if (led := part.control) is not None:
             point = None if led.point is None else (led.point[0], led.point[1])
             control = LoadControl(led.target, led.component, point, led.rigid)
-        made.append(Stage(part.name, loads, part.increments, part.keep, _way(part) or RAMP, control))
+        made.append(Stage(part.name, loads, part.increments, part.keep, part.drained, _way(part) or RAMP, control))
     return made

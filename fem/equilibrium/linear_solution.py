@@ -111,9 +111,19 @@ class LinearSolution:
         self._start: StageStart | None = None
         self._factors: list[float] = []
         self._solves = 0
-        report = system.material.still_tangent("elastic")
+        self._ask_stiffness()
+
+    def _ask_stiffness(self) -> None:
+        report = self._system.material.still_tangent("elastic")
         if report.failed:
             raise LinearSolutionError(f"the initial state has no stiffness: {report.message}")
+
+    def _use_law(self, index: int) -> None:
+        """Draining changes the stiffness: once a stage, and only where the one before was different."""
+        law = self._problem.law_of(index)
+        if law is not self._system.material.law:
+            self._system.material.law = law
+            self._ask_stiffness()
 
     def next_stage(self) -> StageSolution:
         """Solve the next stage.
@@ -126,6 +136,7 @@ class LinearSolution:
         terms = problem.program.terms[index]
         with system.accounting.phase("setup"):
             system.constrain(terms)
+            self._use_law(index)
             factors = np.array(self._factors if problem.program.controlled else [])
             start = stage_start(
                 problem, index, self._displacement, self._internal, self._reference, self._start, factors
@@ -201,7 +212,7 @@ class LinearSolution:
         change = moved
         with system.accounting.phase("boundary"):
             right_hand_side = system.unknowns.reduce(force)
-            if change.any():
+            if system.any(change):
                 action = system.action(system.material.tangent_start, change, system.scratch)
                 right_hand_side = right_hand_side - system.unknowns.reduce(action)
         if system.worth_solving(right_hand_side, scale):

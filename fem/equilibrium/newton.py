@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.fem.linear_solvers.direct import FactorisationError
-from granfabric.fem.vectors import dot, norm
+from granfabric.fem.vectors import dot
 
 if TYPE_CHECKING:
     from .residual import Equilibrium
@@ -103,11 +103,11 @@ def evaluate(
     with system.accounting.phase("assembly"):
         system.internal(displacement, system.internal_trial)
         residual = system.unknowns.reduce(external - system.internal_trial)
-        size = norm(residual)
+        size = system.norm(residual)
         if direction is not None:
             size = float(np.hypot(size, dot(direction, external - system.internal_trial)))
-        scale = max(system.force_scale, norm(system.internal_trial), norm(external))
-        rounding = np.finfo(np.float64).eps * norm(system.forces.magnitude)
+        scale = max(system.force_scale, system.norm(system.internal_trial), system.norm(external))
+        rounding = np.finfo(np.float64).eps * system.norm(system.forces.magnitude)
         floor = max(system.control.absolute_tolerance, ROUNDING_MULTIPLE * rounding)
     if not np.isfinite(size):
         return None, "the residual is not finite", 0.5, -1
@@ -150,7 +150,7 @@ def newton_step(
         if carried is not None:
             moved += carried
         right_hand_side = unknowns.reduce(external - system.internal_force)
-        if moved.any():
+        if system.any(moved):
             right_hand_side -= unknowns.reduce(system.action(system.material.tangent_start, moved, system.scratch))
             displacement += moved
     try:
@@ -164,7 +164,7 @@ def newton_step(
             outcome.reason, outcome.proposed_factor, outcome.failed_point = message, factor, point
             return outcome
         outcome.residuals.append(current.relative)
-        before = max(norm(right_hand_side), current.norm)
+        before = max(system.norm(right_hand_side), current.norm)
         while current.norm > current.allowed(control.tolerance):
             if outcome.iterations >= control.maximum_iterations:
                 outcome.reason = (

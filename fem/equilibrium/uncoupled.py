@@ -16,7 +16,7 @@ import numpy as np
 
 from granfabric.fem.linear_solvers.tangent import FactorMemory
 from granfabric.fem.loads.amplitude import positions
-from granfabric.fem.vectors import Array, norm
+from granfabric.fem.vectors import Array
 
 from .checkpoint import SolverMemory
 from .linear_solution import LinearSolution, LinearSolutionError, StageSolution
@@ -40,7 +40,7 @@ class UncoupledRun(Run):
 
     def __init__(self, *arguments: Any, **more: Any) -> None:
         super().__init__(*arguments, **more)
-        self._scale = norm(self._system.internal_force)
+        self._scale = self._system.norm(self._system.internal_force)
         self._committed = 0.0
         self._failure = ""
 
@@ -134,7 +134,7 @@ class UncoupledRun(Run):
 
     def _advance(self, index: int, solution: StageSolution, end: float) -> int:
         """States at a position within the stage; substeps over all points, -1 if a point cannot get there."""
-        if not solution.strain.any() and not solution.varying:
+        if not self._system.any(solution.strain) and not solution.varying:
             # a zero increment changes nothing, so the law need not be asked
             self._committed = end
             return 0
@@ -191,9 +191,9 @@ class UncoupledRun(Run):
         system = self._system
         with self._accounting.phase("assembly"):
             system.refresh_internal_force()
-            rounding = np.finfo(np.float64).eps * norm(system.forces.magnitude)
-            residual = norm(system.unknowns.reduce(external - system.internal_force))
-            self._scale = max(self._scale, norm(system.internal_force), norm(external))
+            rounding = np.finfo(np.float64).eps * system.norm(system.forces.magnitude)
+            residual = system.norm(system.unknowns.reduce(external - system.internal_force))
+            self._scale = max(self._scale, system.norm(system.internal_force), system.norm(external))
         allowed = max(
             self._control.tolerance * self._scale, self._control.absolute_tolerance, ROUNDING_MULTIPLE * rounding
         )

@@ -187,6 +187,8 @@ class Stage:
     keep : bool
         What an earlier stage set and this one does not name: if True it stays as it is; if False forces fade to zero
         and boundaries are released (their reactions fade to zero).
+    drained : bool
+        The law is the one without what drains, `law.drained()`; laws that have none stay as they are.
     amplitude : str, Amplitude or table
         Of the loads that have none of their own.
     control : LoadControl, optional
@@ -197,6 +199,7 @@ class Stage:
     loads: Sequence[Load] = field(default_factory=list)
     increments: int = 1
     keep: bool = True
+    drained: bool = False
     amplitude: Any = RAMP
     control: LoadControl | None = None
 

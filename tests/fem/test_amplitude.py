@@ -78,7 +78,7 @@ def test_other_amplitudes_are_refused(given, sentence):
         amplitude(given)
     assert sentence in str(error.value)
     with pytest.raises(LoadError, match="stage 'a'"):
-        Stage("a", [], 1, True, given)
+        Stage("a", [], 1, True, amplitude=given)
 
 
 @pytest.mark.parametrize("cycles", [0.0, -1.0, np.nan, 1e9, True])
