@@ -24,7 +24,8 @@ def snapped(loaded: LoadedScene, problem: Problem) -> list[str]:
     """
     mesh = problem.space.host_mesh
     least = NOTICED * float(np.ptp(mesh.mesh.p, axis=1).max())
-    said = [text for place, part in enumerate(loaded.scene.mesh.part) if (text := _part(loaded, mesh, place, part, least))]
+    told = (_part(loaded, mesh, place, part, least) for place, part in enumerate(loaded.scene.mesh.part))
+    said = [text for text in told if text]
     for place, stage in enumerate(loaded.scene.stage):
         for number, load in enumerate(stage.fixed_point):
             away, (x, y) = _nearest(problem, load.point)

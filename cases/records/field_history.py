@@ -13,9 +13,8 @@ from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.loads.load_program import LoadProgram
 
-from .body_columns import BodyColumns
-
 from . import pore_columns
+from .body_columns import BodyColumns
 
 Array = NDArray[np.float64]
 

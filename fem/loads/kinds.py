@@ -1,7 +1,8 @@
 """Loads and stages as data.
 
 A value may be a number, a function of place, or the text of an expression in x and y
-(`granfabric.fem.loads.expression`). An ``amplitude`` says how a load goes through its stage (`granfabric.fem.loads.amplitude`); it is the stage's if None.
+(`granfabric.fem.loads.expression`). An ``amplitude`` says how a load goes through its stage
+(`granfabric.fem.loads.amplitude`); it is the stage's if None.
 """
 
 from __future__ import annotations

@@ -228,8 +228,8 @@ class LoadProgram:
             coordinate = (*COMPONENTS, "rotation").index(control.component)
             if tie.prescribed[coordinate]:
                 raise LoadError(
-                    f"the control leads the {MOTIONS[coordinate]} of the rigid body on boundary {control.rigid!r}, which "
-                    "is prescribed or held"
+                    f"the control leads the {MOTIONS[coordinate]} of the rigid body on boundary {control.rigid!r}, "
+                    "which is prescribed or held"
                 )
             return Led(control.target * (tie.contact.arm if coordinate == 2 else 1.0), tie=number)
         assert control.point is not None
@@ -238,7 +238,8 @@ class LoadProgram:
         x, y = space.nodes[node]
         if dof in terms.constrained:
             raise LoadError(
-                f"the control leads component {control.component} of the node at ({x:.6g}, {y:.6g}), which is prescribed"
+                f"the control leads component {control.component} of the node at ({x:.6g}, {y:.6g}), which is "
+                "prescribed"
             )
         for tie in ties:
             if node in tie.contact.nodes:
@@ -291,8 +292,8 @@ def _refuse_supports_on_tied(stage: Stage, held: dict[str, Tie], named: _Named) 
         for name in held:
             if place == f"boundary {name!r}" and name not in named.ties:
                 raise LoadError(
-                    f"stage {stage.name!r}: boundary {name!r} is tied to a rigid body; move or hold that one (rigid), or "
-                    "take keep = false"
+                    f"stage {stage.name!r}: boundary {name!r} is tied to a rigid body; move or hold that one (rigid), "
+                    "or take keep = false"
                 )
 
 

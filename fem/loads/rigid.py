@@ -17,8 +17,8 @@ from .checks import LoadError, check_finite, pair
 MOTIONS = ("displacement along x", "displacement along y", "rotation")
 # Directions closer to an axis than this are along it.
 SAME = 1e-9
-# A motion of a smooth body whose part across the boundary is below this fraction of it is one that the boundary does not
-# feel: along a straight one, around a circle (whose normals at the nodes are right to the size of the elements squared).
+# A motion of a smooth body whose part across the boundary is below this fraction of it is one that the boundary does
+# not feel: along a straight one, around a circle (whose normals at the nodes err by the size of elements squared).
 UNFELT = 1e-2
 
 
@@ -26,8 +26,8 @@ UNFELT = 1e-2
 class RigidBody:
     """A rigid body joined to a boundary: a footing, a platen, a wall.
 
-    Its motion is a displacement of its point and a small rotation about it. A rough one moves all nodes of the boundary;
-    a smooth one only across the boundary, so that they slide along it. What is neither displaced nor held follows from
+    Its motion is a displacement of its point and a small rotation about it. A rough one moves all nodes of the
+    boundary; a smooth one only across the boundary, so that they slide along it. What is neither displaced nor held follows from
     the force and the moment. From stage to stage it stays, as other supports do, until it is named again or a stage
     with ``keep=False`` does not name it.
 
@@ -172,7 +172,7 @@ class Contact:
         return np.asarray(np.linalg.lstsq(self.felt, seen, rcond=UNFELT)[0])
 
     def at_point(self, displacement: Array) -> Array:
-        """That motion in terms of the body's point, shape (3,): its displacement, and the rotation times the arm [m]."""
+        """That motion in terms of the body's point, shape (3,): displacement, and rotation times the arm [m]."""
         return self.point_coordinates @ self.motion(displacement)
 
     def resultant(self, nodal: Array) -> Array:

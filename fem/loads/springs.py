@@ -41,7 +41,7 @@ class Spring:
             raise LoadError(f"the spring on boundary {self.boundary!r} has no stiffness; give normal or tangential")
 
     def matrix(self, space: Space) -> csr_matrix:
-        """Stiffness matrix, shape (ndofs, ndofs) [N/m per m]; the springs' force on the body is minus its product with u.
+        """Stiffness matrix, shape (ndofs, ndofs) [N/m per m]; minus its product with u is the force on the body.
 
         Raises
         ------

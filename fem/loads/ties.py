@@ -1,7 +1,7 @@
-"""Unknowns of a stage in which rigid bodies tie degrees of freedom: the system is transformed, exactly and symmetrically.
+"""Unknowns of a stage in which rigid bodies tie degrees of freedom: a transformation, exact and symmetric.
 
-Displacements are ``u = u_0 + w + T z``: w is what is prescribed, z holds the free degrees of freedom of the nodes and the
-free coordinates of the bodies. Equilibrium is ``T^T (external - internal) = 0``, its tangent ``T^T K T``.
+Displacements are ``u = u_0 + w + T z``: w is what is prescribed, z holds the free degrees of freedom of the nodes and
+the free coordinates of the bodies. Equilibrium is ``T^T (external - internal) = 0``, its tangent ``T^T K T``.
 """
 
 from __future__ import annotations
@@ -201,8 +201,8 @@ def _motion(tie: Tie, place: NDArray[np.int64]) -> _Motion:
                     continue  # along the boundary, where a smooth body does not hold
                 if across < 1.0 - SAME:
                     raise LoadError(
-                        f"component {COMPONENTS[axis]} of a node of boundary {boundary!r} is held by a support, but the "
-                        "smooth rigid body on it moves the node along a slant; let the support end before the body, or "
+                        f"component {COMPONENTS[axis]} of a node of boundary {boundary!r} is held by a support, but "
+                        "the smooth rigid body on it moves the node along a slant; let the support end before the body, or "
                         "take a rough body"
                     )
             rows.append(contact.modes[number, axis])

@@ -1,4 +1,4 @@
-"""A footing by force: closed forms of a punch, balance, what the history and the screen say; loads of scenes in general."""
+"""A footing by force: closed forms of a punch, balance, history and screen; loads of scenes in general."""
 
 from __future__ import annotations
 

@@ -13,8 +13,11 @@ from granfabric.cases.scene import catalogue
 from granfabric.cases.scene.reader import load
 from granfabric.fem.equilibrium.stepping import solve
 from granfabric.fem.fenicsx.team import Team
+from granfabric.fem.loads.checks import LoadError
 
-FIELDS = sorted(entry.name for entry in catalogue.shipped().values() if entry.kind == "field")
+OWN_ALONE = {"rigid_footing"}
+"""Scenes with rigid bodies, springs or controls."""
+FIELDS = sorted({entry.name for entry in catalogue.shipped().values() if entry.kind == "field"} - OWN_ALONE)
 UNSTABLE = {"footing_capacity"}
 """Beyond its limit load Newton's iterates decide which of many solutions is found: compared by its reactions."""
 TIMES_TOLERANCE = 100.0
@@ -48,3 +51,10 @@ def test_both_hosts_agree(name: str) -> None:
         for boundary, pair in mine.reactions.items():
             assert np.abs(np.subtract(pair, yours.reactions[boundary])).max() <= tolerance * largest
         assert mine.iterations == pytest.approx(yours.iterations, abs=1)
+
+
+def test_rigid_bodies_are_refused_before_anything_is_computed() -> None:
+    loaded = load("rigid_footing", [])
+    problem = prepare(loaded).problem
+    with Team() as team, pytest.raises(LoadError, match="has a rigid body, which the host fenicsx does not know"):
+        team.solve(problem)
