@@ -27,9 +27,9 @@ class RigidBody:
     """A rigid body joined to a boundary: a footing, a platen, a wall.
 
     Its motion is a displacement of its point and a small rotation about it. A rough one moves all nodes of the
-    boundary; a smooth one only across the boundary, so that they slide along it. What is neither displaced nor held follows from
-    the force and the moment. From stage to stage it stays, as other supports do, until it is named again or a stage
-    with ``keep=False`` does not name it.
+    boundary; a smooth one only across the boundary, so that they slide along it. What is neither displaced nor held
+    follows from the force and the moment. From stage to stage it stays, as other supports do, until it is named
+    again or a stage with ``keep=False`` does not name it.
 
     Parameters
     ----------

@@ -202,8 +202,8 @@ def _motion(tie: Tie, place: NDArray[np.int64]) -> _Motion:
                 if across < 1.0 - SAME:
                     raise LoadError(
                         f"component {COMPONENTS[axis]} of a node of boundary {boundary!r} is held by a support, but "
-                        "the smooth rigid body on it moves the node along a slant; let the support end before the body, or "
-                        "take a rough body"
+                        "the smooth rigid body on it moves the node along a slant; let the support end before the "
+                        "body, or take a rough body"
                     )
             rows.append(contact.modes[number, axis])
             own.append(-1)
