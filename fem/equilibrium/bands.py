@@ -33,8 +33,10 @@ def band_fraction(tangent: Array, weights: Array) -> float:
     Returns
     -------
     float
-        0 where all tangents are symmetric, to rounding.
+        0 where all tangents are symmetric, to rounding, or one is not finite.
     """
+    if not np.isfinite(tangent).all():
+        return 0.0
     size = np.abs(tangent).max(axis=(1, 2))
     chosen = np.abs(tangent - tangent.transpose(0, 2, 1)).max(axis=(1, 2)) > UNSYMMETRIC * size
     if not chosen.any():

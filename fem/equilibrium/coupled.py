@@ -192,11 +192,13 @@ class CoupledRun(Run):
         self._factors.append(1.0 if terms.led is None else load_factor)
         return fraction, ""
 
-    def _band_fraction(self, finished: bool) -> float:
+    def _last_tangent(self, finished: bool) -> Array:
+        """Tangent of the end: of a run that could not go on the last trial's, as its start has that of no increment."""
         material = self._system.material
-        # of a run that could not go on the last trial, as its start has the tangent of a zero increment
-        tangent = material.tangent_start if finished or not material.tangent_end.any() else material.tangent_end
-        return band_fraction(tangent, self._problem.space.weights) if np.isfinite(tangent).all() else 0.0
+        return material.tangent_start if finished or not self._system.any(material.tangent_end) else material.tangent_end
+
+    def _band_fraction(self, finished: bool) -> float:
+        return band_fraction(self._last_tangent(finished), self._problem.space.weights)
 
     def _memory(self, last_correction: Array, last_increment: float) -> SolverMemory:
         system = self._system
