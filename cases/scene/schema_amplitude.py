@@ -54,9 +54,9 @@ CycleCount = Annotated[float, Field(gt=0.0, le=10_000.0)] | None
 
 AMPLITUDE = (
     "way from the value at the start of the stage (0) to the given one (1): a name, or rows [fraction of the stage, "
-    "factor]"
+    "factor] [-]"
 )
-OWN_AMPLITUDE = f"{AMPLITUDE}; that of the stage if not given"
+OWN_AMPLITUDE = f"that of the stage if not given: {AMPLITUDE}"
 CYCLES = "number of cycles in the stage, 1 if not given [-]"
 
 
