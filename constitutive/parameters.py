@@ -341,6 +341,11 @@ class Closure:
             return "frictional"
         return self.tangential
 
+    @property
+    def slips(self) -> bool:
+        """Whether contacts carry tangential forces up to a limit that some of them come to."""
+        return self.tangential_rule == "frictional" and self.tangential_force_ratio > 0.0 and self.slip > 0.0
+
 
 INTEGRATION_NUMBERS: dict[str, tuple[float, float]] = {
     "tolerance": (1e-14, 1.0),

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 HostName = Literal["own", "fenicsx"]
 HostOption = Annotated[
     HostName,
-    typer.Option("--host", help="Who computes: own, or FEniCSx, also on many ranks (mpiexec -n N granfabric run ...)."),
+    typer.Option(
+        "--host", metavar="NAME", help="Who computes: own, or fenicsx, on many ranks by mpiexec -n N granfabric run ..."
+    ),
 ]
 
 RANKS = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "PMIX_SIZE")

@@ -43,7 +43,7 @@ def stiffness_at(point, network, feedback):
 
 @formula
 def stage(
-    number, trial, k, point, given, stressed, largest, guess, known, here,
+    number, trial, k, inputs, point, given, stressed, largest, guess, known, here,
     closure, options, differentiate, deciding, slide, rule, lanes,
 ):  # fmt: skip
     """Rates at the state in `trial`, written into the rows of stage `number` of `k`.
@@ -54,6 +54,8 @@ def stage(
     trial : ndarray, shape (ADVANCED, lanes)
         Unknowns and, with derivatives, their derivatives.
     k : ndarray, shape (stages RATES, lanes)
+    inputs : ndarray
+        See `network.point`.
     point : Point
     given : tuple of 3
         Strain increment v, e_1, e_2, compression positive; where stress is given as well, xx, yy, xy, tension positive.
@@ -98,7 +100,7 @@ def stage(
     s1, s2 = t1 * inverse, t2 * inverse
     turns = 1.0 if options.rotation else 0.0
     stress = (p, inverse, s1, turns * s2, largest)
-    solved, network, partials = network_at(closure, point, stress, unknown, guess, known, here, rule)
+    solved, network, partials = network_at(closure, point, stress, unknown, guess, known, here, rule, inputs, lanes)
     stiffness, definite = stiffness_at(point, network, options.feedback)
     fabric = network.a1 * network.a1 + network.a2 * network.a2
     most = 1.0 if options.limited else 4.0

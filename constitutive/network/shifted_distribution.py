@@ -33,6 +33,7 @@ from granfabric.constitutive.lanes.eight import choose, somewhere
 from granfabric.constitutive.lanes.elementary import exponential
 
 from .force_fabric import LEAST_MARGIN, carried_force, carried_force_by_stress, tangential_force
+from .slip_memory import with_memory
 from .tangential_force import slip_numbers
 from .weak_forces import lost_and_gained
 
@@ -131,7 +132,9 @@ def fabric_change(change, n0, a1, a2):
 
 
 @formula
-def network_of(weak, irreversible, stress_ratio, y, guess, origin, density, normal, c_n, closure, cosines):
+def network_of(
+    weak, irreversible, stress_ratio, y, guess, origin, density, normal, c_n, closure, start, rule, inputs, lanes
+):
     """Coordination number and fabric of a state, with derivatives.
 
     Parameters
@@ -151,8 +154,9 @@ def network_of(weak, irreversible, stress_ratio, y, guess, origin, density, norm
     normal : tuple of 2 floats
         a_n, if it follows from s alone, and c_n its derivative by s.
     closure : closures.ShiftedDistribution
-    cosines : ndarray
-        See `moments_along`.
+    start, rule, inputs, lanes :
+        Entries 4 and 5 of the rule are the cosines of `moments_along` and slip classes; the others see
+        `slip_memory.with_memory`.
 
     Returns
     -------
@@ -179,6 +183,12 @@ def network_of(weak, irreversible, stress_ratio, y, guess, origin, density, norm
     usable = (abs(x1) < 1e6) & (abs(x2) < 1e6)
     x1, x2 = choose(usable, x1, y[0]), choose(usable, x2, y[1])
     found = abs(x1) + abs(x2) < 1e6
+    skew = 0.0 * s1
+    if closure.remembers:
+        first = (t, t_by_s, t_by_p)
+        t, t_by_s, skew, t_by_p = with_memory(
+            weak, s1, s2, first, numbers, numbers_by_p, start, rule[5], inputs, lanes
+        )
     iteration = 0
     while True:
         size = math.sqrt(x1 * x1 + x2 * x2)
@@ -188,7 +198,7 @@ def network_of(weak, irreversible, stress_ratio, y, guess, origin, density, norm
         q1, q2 = origin[1] * e1 + origin[2] * e2, origin[2] * e1 - origin[1] * e2
         reach = stretch * size
         spread = spread_of(shift, reach, stretch * irreversible, c_e, c_p)
-        number, m_x, m_d, m_s = moments_along(shift, reach, spread, density, gain, following, cosines)
+        number, m_x, m_d, m_s = moments_along(shift, reach, spread, density, gain, following, rule[4])
         n0, n1, n2 = with_initial_fabric(number, q1, q2)
         a1, a2 = 2.0 * n1 / n0, 2.0 * n2 / n0
         by_spread = with_initial_fabric(m_s, q1, q2)
@@ -237,7 +247,9 @@ def network_of(weak, irreversible, stress_ratio, y, guess, origin, density, norm
         x2 = choose(going, x2 - (step1 * e2 + step2 * e1), x2)
     # derivatives by ln p, s (2), Y (2), S_i: direct ones of <N>, <N e>, of A at fixed a_c, then those through X_1
     by_shift = with_initial_fabric(m_d, q1, q2)
-    a_by_s, a_by_p = carried_force_by_stress(f1, f2, a1, a2, mu, margin, turned(t_by_s, e1, e2), turn(t_by_p, e1, e2))
+    a_by_s, a_by_p = carried_force_by_stress(
+        f1, f2, a1, a2, mu, margin, turned(t_by_s, e1, e2), skew, turn(t_by_p, e1, e2)
+    )
     if not closure.frictional:
         a_by_s, a_by_p = (c_n, 0.0 * c_n, 0.0 * c_n, c_n), (0.0 * a1, 0.0 * a1)
     # with ln p everything that is not isotropic is stretched by P^(1-a)

@@ -30,6 +30,8 @@ from granfabric.constitutive.material_table import (
 
 from .point import LARGEST_COORDINATION, Network, load
 from .shifted_distribution import network_of, split_change
+from .slip_memory import keep_held
+from .tangential_force import slip_numbers
 
 
 class WeakState(NamedTuple):
@@ -84,7 +86,7 @@ def irreversible_spread(closure, spread, largest, s1, s2):
 
 
 @formula
-def network_at(closure, point, stress, y, guess, known, here, rule):
+def network_at(closure, point, stress, y, guess, known, here, rule, inputs, lanes):
     """z and a_c of the stress and the unknowns, with derivatives.
 
     Parameters
@@ -100,8 +102,8 @@ def network_at(closure, point, stress, y, guess, known, here, rule):
     known : bool
         The network is `here`, and its derivatives are not wanted.
     here : Network
-    rule : tuple
-        Its entry 4 holds the cosines of `shifted_distribution.moments_along`.
+    rule, inputs, lanes :
+        See `shifted_distribution.network_of`.
 
     Returns
     -------
@@ -131,7 +133,10 @@ def network_at(closure, point, stress, y, guess, known, here, rule):
             (normal1, normal2),
             point.c_n,
             closure,
-            rule[4],
+            (point.start_s1, point.start_s2, point.start_p * weak.ratio * inverse),
+            rule,
+            inputs,
+            lanes,
         )
         # contacts are neighbours; a gain in proportion to the shift does not know when it has used them up
         many = z > larger(point.neighbours, 1.001 * point.origin_z)
@@ -201,7 +206,7 @@ def remember(closure, y, accepted, largest, derivatives, rotation, lanes):
 
 
 @formula
-def leave(closure, inputs, ends, point, p, network, y, largest, lanes):
+def leave(closure, inputs, ends, point, p, network, y, largest, rule, lanes):
     """Shift and spread of the weak forces; with "frictional" a_n, a_t and f as functions of the state."""
     weak = weak_state(closure, point, p)
     write(ends, M_SHIFT, weak.shift / weak.ratio, lanes)
@@ -218,6 +223,11 @@ def leave(closure, inputs, ends, point, p, network, y, largest, lanes):
         write(ends, M_N2, network.carried2 - network.a2, lanes)
         write(ends, M_T1, network.tangential1, lanes)
         write(ends, M_T2, network.tangential2, lanes)
+    if closure.remembers:
+        start = (point.start_s1, point.start_s2, point.start_p * weak.ratio / p)
+        numbers, _ = slip_numbers(closure, weak, point.p_zero)
+        turns = 1.0 if closure.turns else 0.0
+        keep_held(weak, start, numbers[2], turns, rule[5], inputs, ends, lanes)
 
 
 @formula
@@ -260,6 +270,10 @@ class ShiftedDistribution(NamedTuple):
     """Numbers and choices of the closure "shifted_distribution"; see `closures` for what it answers."""
 
     frictional: bool
+    remembers: bool
+    """Tangential forces depend on the way to the present stress."""
+    turns: bool
+    """The stress ratio has two components."""
     chi: float
     following: float
     """phi: fraction of weak contacts that follow the mean change of their direction."""

@@ -134,7 +134,10 @@ def integrate(packing, closure, stress, increment, control):
     ],
 )
 def test_end_values(control, tangential_choice, fabric, start, change, slope):
-    """Tolerances 1e-9 on both sides; the fixed directions (32 against 256) agree to rounding."""
+    """Tolerances 1e-9 on both sides; the fixed directions (32 against 256) agree to rounding.
+
+    From a sheared start to another direction tangential forces remember; the second implementation does not.
+    """
     packing = material(
         force_density_at_zero=0.6,
         force_density_slope=slope,
@@ -146,7 +149,8 @@ def test_end_values(control, tangential_choice, fabric, start, change, slope):
     closure = Closure(force_change="shifted_distribution", tangential=tangential_choice)
     stress = PRESSURE * np.array(start)
     increment = np.array(change) * (PRESSURE if control == "stress" else 2e-4)
-    points = Points(law(closure=closure, materials=[packing], tolerance=1e-9), stress)
+    forgets = Effects(tangential_memory=False)
+    points = Points(law(forgets, closure, materials=[packing], tolerance=1e-9), stress)
     code = (1, 1, 1) if control == "stress" else (0, 0, 0)
     end, state, _, report = points.mixed(code, increment)
     assert report.failed == 0
@@ -235,10 +239,14 @@ def test_first_order_of_the_shifted_forces():
 
 
 def test_unloading_returns_contacts():
-    """Without irreversible spread z and a_c are functions of the stress; with it, what a loop leaves is isotropic."""
+    """Without irreversible spread z and a_c are functions of the stress; with it, what a loop leaves is isotropic.
+
+    Both without memory of tangential forces, which leave a fabric behind.
+    """
     stress = (-PRESSURE, -PRESSURE, 0.0)
     loop = [Leg(target=(-1.2e5, -0.8e5, 0.0), increments=6), Leg(target=stress, increments=6)]
-    for irreversible, effects in ((0.0, Effects()), (2.3, Effects(irreversible_spread=False)), (2.3, Effects())):
+    for irreversible, spread in ((0.0, True), (2.3, False), (2.3, True)):
+        effects = Effects(irreversible_spread=spread, tangential_memory=False)
         closure = Closure(
             force_change="shifted_distribution", tangential="frictional", irreversible_scatter=irreversible
         )
