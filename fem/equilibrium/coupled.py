@@ -193,9 +193,10 @@ class CoupledRun(Run):
         return fraction, ""
 
     def _last_tangent(self, finished: bool) -> Array:
-        """Tangent of the end: of a run that could not go on the last trial's, as its start has that of no increment."""
+        """Tangent of the end; of a run that could not go on the last trial's, as its start has that of no increment."""
         material = self._system.material
-        return material.tangent_start if finished or not self._system.any(material.tangent_end) else material.tangent_end
+        committed = finished or not self._system.any(material.tangent_end)
+        return material.tangent_start if committed else material.tangent_end
 
     def _band_fraction(self, finished: bool) -> float:
         return band_fraction(self._last_tangent(finished), self._problem.space.weights)
