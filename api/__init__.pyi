@@ -35,6 +35,7 @@ from .fem.equilibrium.results import StepResult as StepResult
 from .fem.equilibrium.stepping import solve as solve
 from .fem.loads.amplitude import Amplitude as Amplitude
 from .fem.loads.control import LoadControl as LoadControl
+from .fem.loads.geostatic import geostatic_stress as geostatic_stress
 from .fem.loads.kinds import BodyForce as BodyForce
 from .fem.loads.kinds import Displacement as Displacement
 from .fem.loads.kinds import Fixed as Fixed

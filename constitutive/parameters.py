@@ -277,7 +277,7 @@ class Closure:
     distribution : {"harmonic", "maximum_entropy"}
         Directional density of contacts for a given a_c; not used by "shifted_distribution", which has its own.
     shear_stiffness : {"uniform_strain", "isostatic"}
-        G in proportion to z, or to z - z_iso.
+        G in proportion to z, or to z (z - z_iso).
     weak_contact_ratio : float
         chi: mean change of force of weak contacts over that of all contacts of their direction.
     weak_contact_ratio_isotropic : float

@@ -113,7 +113,9 @@ def numbers(paths: Paths, materials: list[Material], closure: Any) -> Numbers:
     rise = up + 2.0 * way + of("force_anisotropy_ratio") * ratio.max(axis=0) * (up + down)
     gain = room * of("gap_density_at_zero") * 0.5 * force * rise
     loss = p0 * (2.0 / np.pi * way + down)
-    slope = z / (z - of("isostatic_coordination")) if closure.shear_stiffness == "isostatic" else 1.0
+    isostatic = of("isostatic_coordination")
+    # d ln G/d ln z of G = z (z - z_iso)
+    slope = (2.0 * z - isostatic) / (z - isostatic) if closure.shear_stiffness == "isostatic" else 1.0
     # B/sqrt(K G) of the uniform-strain estimate
     coupling = np.sqrt(0.5 / (1.0 + of("stiffness_ratio")) / (of("bulk_reduction") * of("shear_reduction")))
     change = loss * slope + coupling * p0 * way

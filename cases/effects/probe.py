@@ -164,8 +164,9 @@ def field_paths(problem: Problem, control: StepControl) -> Paths:
         for stage in problem.stages:
             way = solution.next_stage()
             places = _places(way.corners, min(most, stage.increments))
-            changes = [way.strain_at(place)[::stride] for place in places]
-            stiffness = system.material.tangent_start[::stride]
+            # where stages change the body: points that are not there do not change
+            changes = [system.of_space(way.strain_at(place))[::stride] for place in places]
+            stiffness = system.of_space(system.material.tangent_start)[::stride]
             responses = [np.einsum("pij,pj->pi", stiffness, change) for change in changes]
             if not stage.drained:
                 responses = [

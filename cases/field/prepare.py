@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from granfabric.cases.scene import build
 from granfabric.cases.scene.effects_choice import resolve_effects
 from granfabric.cases.scene.reader import LoadedScene
@@ -19,6 +22,7 @@ from granfabric.fem.mesh.shapes import plate_with_hole, quarter_ring
 
 from . import initial_state, memory
 from .groups import check_groups, material_index, named_boundaries
+from .probes import probe_places
 from .stage_loads import stages
 
 POINTS = {"P1": 1, "P2": 3, "Q1": 4, "Q2": 9}
@@ -89,6 +93,7 @@ class Prepared:
     boundaries: list[str]
     supported: list[str]
     effects: Any
+    probes: dict[str, NDArray[np.float64]]
 
 
 def _of_stage(loaded: LoadedScene, text: str) -> str:
@@ -119,13 +124,15 @@ def prepare(loaded: LoadedScene) -> Prepared:
     except MeshError as error:
         raise loaded.error(["mesh"], f"mesh: {error}") from error
     point_index = None if index is None else index[space.point_cell]
-    effective = initial_state.stress(loaded, space.points)
-    stress, state = initial_state.with_water(loaded, law, space.points, effective, point_index)
+    program = stages(scene)
     try:
+        effective = initial_state.stress(loaded, space, program, law)
+        initial_state.refuse_beyond_law(loaded, law, effective, point_index)
+        stress, state = initial_state.with_water(loaded, law, space, program, effective, point_index)
         problem = Problem(
             space,
             law,
-            stages(scene),
+            program,
             initial_stress=stress,
             material_index=point_index,
             initial_state=state,
@@ -141,4 +148,4 @@ def prepare(loaded: LoadedScene) -> Prepared:
         make_solver(control.linear_solver)
     except LinearSolverError as error:
         raise loaded.error(["solver"], f"solver.linear_solver: {error}") from error
-    return Prepared(problem, control, *named_boundaries(scene), effects)
+    return Prepared(problem, control, *named_boundaries(scene), effects, probe_places(loaded, space))

@@ -53,7 +53,7 @@ def _rigid(load: Any) -> RigidBody:
 
 def stages(scene: Any) -> list[Stage]:
     """Stages of a field scene with their loads."""
-    made = []
+    made: list[Stage] = []
     for part in scene.stage:
         loads: list[Any] = [Fixed(load.boundary, tuple(load.components)) for load in part.fixed]
         loads += [FixedPoint((load.point[0], load.point[1]), tuple(load.components)) for load in part.fixed_point]
@@ -80,5 +80,22 @@ def stages(scene: Any) -> list[Stage]:
         if (led := part.control) is not None:
             point = None if led.point is None else (led.point[0], led.point[1])
             control = LoadControl(led.target, led.component, point, led.rigid)
-        made.append(Stage(part.name, loads, part.increments, part.keep, part.drained, _way(part) or RAMP, control))
+        # an estimate is no place to count displacements from: the first stage has brought it into equilibrium
+        settled = len(made) == 1 and getattr(scene.initial, "from") == "gravity"
+        made.append(
+            Stage(
+                part.name,
+                loads,
+                part.increments,
+                part.keep,
+                part.drained,
+                _way(part) or RAMP,
+                control,
+                deactivate=part.deactivate,
+                activate=part.activate,
+                release=part.release,
+                fill_pressure=part.fill_pressure,
+                reset_displacements=part.reset_displacements or settled,
+            )
+        )
     return made

@@ -36,7 +36,7 @@ def stiffness_at(point, network, feedback):
     z = network.z if feedback else point.reference_z
     a1 = network.a1 if feedback else point.reference_a1
     a2 = network.a2 if feedback else point.reference_a2
-    k, g, b = point.bulk * z, point.shear * (z - point.offset), point.coupling * z
+    k, g, b = point.bulk * z, z * (point.shear + point.stiffening * z), point.coupling * z
     definite = (g > 0.0) & (b * b * (a1 * a1 + a2 * a2) < k * g)
     return (k, g, b, a1, a2), definite
 
@@ -162,7 +162,7 @@ def stage(
             db = point.coupling * cz
             stiffening = (
                 point.bulk * cz,
-                point.shear * cz,
+                (point.shear + 2.0 * point.stiffening * network.z) * cz,
                 db,
                 db * stiffness[3] + stiffness[2] * c1,
                 db * stiffness[4] + stiffness[2] * c2,

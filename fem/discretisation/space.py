@@ -14,11 +14,13 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
+from skfem.generic_utils import OrientedBoundary
 
 from granfabric.constitutive.arrays import ANY, read
 from granfabric.fem.mesh.host_mesh import HostMesh, MeshError
 
 Array = NDArray[np.float64]
+_Sides = tuple[Any, Array, Array, Array]
 
 # Element, cell, and the polynomial degree integrated exactly by default: enough for the stiffness of undistorted
 # elements (1, 3, 4, 9 points a cell).
@@ -195,7 +197,28 @@ class Space:
         MeshError
             If there is no such curve or it lies inside the domain, where it has no outward side.
         """
-        basis, place, normal, shapes = self._boundary(name, "a traction on it")
+        return self._nodal(self._boundary(name, "a traction on it"), traction)
+
+    def facet_vector(
+        self,
+        facets: NDArray[np.int64],
+        traction: Callable[[Array, Array, Array, Array], Array],
+        side: NDArray[np.int64] | None = None,
+    ) -> Array:
+        """The same on given facets, each of which loads one of its two elements.
+
+        Parameters
+        ----------
+        facets : ndarray of int
+            At least one.
+        traction : callable
+        side : ndarray of int, same shape, optional
+            0 or 1: row of scikit-fem's ``f2t`` that holds the element, 0 if not given; the normal points out of it.
+        """
+        return self._nodal(self._facets(facets, side), traction)
+
+    def _nodal(self, sides: _Sides, traction: Callable[[Array, Array, Array, Array], Array]) -> Array:
+        basis, place, normal, shapes = sides
         value = np.asarray(traction(place[:, 0], place[:, 1], normal[:, 0], normal[:, 1]), dtype=np.float64)
         value = value.reshape(*basis.dx.shape, 2) * basis.dx[:, :, None]
         local = np.einsum("bfq,fqk->fbk", shapes, value)
@@ -234,12 +257,17 @@ class Space:
         matrix.eliminate_zeros()
         return matrix
 
-    def _boundary(self, name: str, what: str) -> tuple[Any, Array, Array, Array]:
+    def _boundary(self, name: str, what: str) -> _Sides:
         """Basis of scikit-fem on a named curve, places and outward normals (n, 2), shape functions (nb, nf, nq)."""
         facets = self.host_mesh.facets(name)
         if (self.host_mesh.mesh.f2t[1, facets] != -1).any():
             raise MeshError(f"boundary {name!r} lies inside the domain, so that {what} has no outward side")
-        basis = skfem.FacetBasis(self._geometry, self._scalar_element, facets=facets, intorder=2 * self.order + 1)
+        return self._facets(facets)
+
+    def _facets(self, facets: NDArray[np.int64], side: NDArray[np.int64] | None = None) -> _Sides:
+        """The same on given facets; for `side` see `facet_vector`."""
+        where = facets if side is None else OrientedBoundary(facets, side)
+        basis = skfem.FacetBasis(self._geometry, self._scalar_element, facets=where, intorder=2 * self.order + 1)
         place = _point_major(np.asarray(basis.global_coordinates()))
         normal = _point_major(np.broadcast_to(np.asarray(basis.normals), (2, *basis.dx.shape)))
         shapes = np.stack([np.broadcast_to(np.asarray(basis.basis[i][0]), basis.dx.shape) for i in range(basis.Nbfun)])

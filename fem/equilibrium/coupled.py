@@ -13,13 +13,21 @@ from granfabric.fem.linear_solvers.direct import FactorisationError
 from granfabric.fem.vectors import Array
 
 from .bands import band_fraction
+from .changing_body import begin_body
 from .checkpoint import SolverMemory
 from .control import ControlError
 from .led_step import Lead, led_step
 from .newton import newton_step
 from .results import RunSummary, StageStart, StepResult
 from .run import SMALLEST_PROPOSAL, STOPPED, Run, StepCounts
-from .stage_start import carried_by_ties, external_force, led_direction, stage_start, target_displacement
+from .stage_start import (
+    carried_by_ties,
+    counted_anew,
+    external_force,
+    led_direction,
+    stage_start,
+    target_displacement,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -79,13 +87,17 @@ class CoupledRun(Run):
         if self._stopped():
             return 0.0 if resume is None else resume.fraction, STOPPED
         with self._accounting.phase("setup"):
+            if resume is None:
+                self._start = counted_anew(self._problem, index, self._start, system.displacement)
+                begin_body(system, self._problem, index)
             system.constrain(terms)
             system.material.law = self._problem.law_of(index)
         if memory is None:
             # A new stage turns the direction of loading, for which the last converged tangent is a bad guide.
             report = system.material.still_tangent(control.tangent_kind)
             if report.failed:
-                return 0.0, f"stage {terms.stage.name!r} starts from a state without a tangent: {report.message}"
+                reason = system.worst(report)[1]
+                return 0.0, f"stage {terms.stage.name!r} starts from a state without a tangent: {reason}"
         with self._accounting.phase("setup"):
             if resume is not None:
                 start = resume.stage_start
@@ -199,7 +211,8 @@ class CoupledRun(Run):
         return material.tangent_start if committed else material.tangent_end
 
     def _band_fraction(self, finished: bool) -> float:
-        return band_fraction(self._last_tangent(finished), self._problem.space.weights)
+        part = self._system.part
+        return band_fraction(self._last_tangent(finished), (self._problem.space if part is None else part).weights)
 
     def _memory(self, last_correction: Array, last_increment: float) -> SolverMemory:
         system = self._system

@@ -10,16 +10,20 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from granfabric.fem.linear_solvers.direct import FactorisationError
 from granfabric.fem.loads.amplitude import RAMP, Amplitude
+from granfabric.fem.loads.fills import placed
 from granfabric.fem.loads.load_program import StageTerms
 from granfabric.fem.loads.problem import Problem
+from granfabric.fem.loads.springs import Spring
 from granfabric.fem.vectors import Array, dot, norm
 
+from .changing_body import begin_body
 from .residual import Equilibrium
 from .results import StageStart
-from .stage_start import external_force, led_direction, stage_start, target_displacement
+from .stage_start import counted_anew, external_force, led_direction, stage_start, target_displacement
 
 # Relative residual of the linear solves; a direct factor reaches it in one application.
 RESIDUAL = 1e-12
@@ -111,12 +115,14 @@ class LinearSolution:
         self._start: StageStart | None = None
         self._factors: list[float] = []
         self._solves = 0
+        # of all points, where the body changes; the material itself may be at another stage
+        self._stress = np.empty((0, 3)) if system.part is None else system.of_space(system.material.stress_start)
         self._ask_stiffness()
 
     def _ask_stiffness(self) -> None:
         report = self._system.material.still_tangent("elastic")
         if report.failed:
-            raise LinearSolutionError(f"the initial state has no stiffness: {report.message}")
+            raise LinearSolutionError(f"the initial state has no stiffness: {self._system.worst(report)[1]}")
 
     def _use_law(self, index: int) -> None:
         """Draining changes the stiffness: once a stage, and only where the one before was different."""
@@ -135,6 +141,11 @@ class LinearSolution:
         problem, system, index = self._problem, self._system, self._done
         terms = problem.program.terms[index]
         with system.accounting.phase("setup"):
+            self._start = counted_anew(problem, index, self._start, self._displacement)
+            if begin_body(system, problem, index):
+                self._change_body(index)
+            if terms.stage.reset_displacements:
+                self._displacement = np.zeros(problem.space.ndofs)
             system.constrain(terms)
             self._use_law(index)
             factors = np.array(self._factors if problem.program.controlled else [])
@@ -165,7 +176,7 @@ class LinearSolution:
             response = self._solve(force, self._moved(terms, start, amplitude), scale)
             parts.append((amplitude, response))
         with system.accounting.phase("state"):
-            points = problem.space.npoints
+            points = len(system.material.tangent_start)
             strain = system.forces.strain(change, np.empty((points, 3)))
             made = tuple((a, part, system.forces.strain(part, np.empty((points, 3)))) for a, part in parts)
             whole = change
@@ -173,6 +184,9 @@ class LinearSolution:
                 factor = amplitude.factor(1.0, terms.stage.increments)
                 whole = whole + factor * part
             tangent = system.material.tangent_start
+            if system.part is not None:
+                moved_strain = strain if not parts else system.forces.strain(whole, np.empty((points, 3)))
+                self._stress[system.part.points] += np.einsum("pij,pj->pi", tangent, moved_strain)
             self._internal = self._internal + system.action(tangent, whole, system.scratch)
             self._displacement = self._displacement + whole
         self._factors.append(load_factor if terms.led is not None else 1.0)
@@ -186,9 +200,7 @@ class LinearSolution:
         terms = self._problem.program.terms
         internal = self._internal
         if index and terms[index - 1].springs:
-            assert self._start is not None
-            for row, (_, matrix) in enumerate(terms[index - 1].springs):
-                internal = internal - (matrix @ self._displacement - self._start.spring_offsets[row])
+            internal = internal - self._spring_force(terms[index - 1].springs)
         for row, (_, matrix) in enumerate(terms[index].springs):
             internal = internal + (matrix @ self._displacement - start.spring_offsets[row])
         return internal
@@ -222,6 +234,28 @@ class LinearSolution:
                 raise LinearSolutionError(f"the stiffness cannot be solved: {error}") from error
             self._solves += 1
         return change
+
+    def _change_body(self, index: int) -> None:
+        """Stress and stiffness of the body that a stage begins with; both are linear in what was before."""
+        problem, system = self._problem, self._system
+        last, terms = problem.program.terms[index - 1 : index + 1]
+        body, earlier = terms.body, last.body
+        assert body is not None and earlier is not None and system.part is not None
+        points, stress, _ = placed(problem, index)
+        self._stress[points] = stress
+        system.material.law = problem.law_of(index)
+        self._ask_stiffness()
+        internal = system.forces.internal_force(self._stress[system.part.points], np.zeros(problem.space.ndofs))
+        self._displacement = np.where(body.dofs & earlier.dofs, self._displacement, 0.0)
+        self._internal = internal + self._spring_force(last.springs)
+
+    def _spring_force(self, springs: tuple[tuple[Spring, csr_matrix], ...]) -> Array:
+        """Of those of the stage before, as internal forces."""
+        force = np.zeros_like(self._displacement)
+        for row, (_, matrix) in enumerate(springs):
+            assert self._start is not None
+            force += matrix @ self._displacement - self._start.spring_offsets[row]
+        return force
 
     def _led(
         self, terms: StageTerms, force: Array, moved: Array, following: Array | None, scale: Array

@@ -99,7 +99,8 @@ def evaluate(
     """
     report = system.material.update(displacement, system.displacement, system.control.tangent_kind)
     if report.failed:
-        return None, report.message, report.proposed_step_factor, report.worst_point
+        point, message = system.worst(report)
+        return None, message, report.proposed_step_factor, point
     with system.accounting.phase("assembly"):
         system.internal(displacement, system.internal_trial)
         residual = system.unknowns.reduce(external - system.internal_trial)

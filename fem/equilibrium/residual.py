@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from granfabric.constitutive.contract import UpdateReport
 from granfabric.fem.accounting import Accounting
+from granfabric.fem.discretisation.active_part import ActivePart
 from granfabric.fem.discretisation.assembly import ForceAssembler
 from granfabric.fem.discretisation.quadrature_material import QuadratureMaterial
 from granfabric.fem.linear_solvers.direct import make_solver
@@ -19,6 +23,7 @@ from .control import StepControl
 from .unknowns import FreeUnknowns, TiedUnknowns, Unknowns, UnknownsTangent
 
 Array = NDArray[np.float64]
+Kind = TypeVar("Kind", bound=np.generic)
 
 
 class Equilibrium:
@@ -42,22 +47,21 @@ class Equilibrium:
         Prescribed degrees of freedom, without one that a control leads; set by `constrain`.
     unknowns : Unknowns
         Set by `constrain`.
+    part : ActivePart or None
+        Where stages change the body, what of it is there: arrays of points are those of the part.
     """
 
     def __init__(self, problem: Problem, control: StepControl, accounting: Accounting) -> None:
         space = problem.space
+        self._problem = problem
         self.space = space
         self.control = control
         self.accounting = accounting
-        self.forces = ForceAssembler(space)
-        self.material = QuadratureMaterial(
-            problem.law,
-            self.forces,
-            problem.initial_stress,
-            problem.initial_state,
-            accounting,
-            material_index=problem.material_index,
-        )
+        self.part: ActivePart | None = None
+        self._tangent_matrix: UnknownsTangent | None = None
+        body = problem.program.terms[0].body
+        part = None if body is None else ActivePart(space, body.active)
+        self.enter(part, problem.initial_stress, problem.initial_state, None)
         self.displacement = np.zeros(space.ndofs)
         self.internal_force = np.zeros(space.ndofs)
         self.internal_trial = np.zeros(space.ndofs)
@@ -73,9 +77,44 @@ class Equilibrium:
         self._spring_offset: Array | None = None
         self._direct = make_solver(control.linear_solver)
         self._solver = TangentSolver(self._direct, accounting, control.keep_factor)
-        self._tangent_matrix: UnknownsTangent | None = None
         self.force_scale = 0.0
         self.refresh_internal_force()
+
+    def enter(self, part: ActivePart | None, stress: Array, state: Array, strain: Array | None) -> None:
+        """Take up another part of the body, the whole if None; `constrain` has to follow before anything is solved.
+
+        Parameters
+        ----------
+        part : ActivePart or None
+        stress, state, strain : ndarray, shapes (npt, 3), (npt, nstate), (npt, 3)
+            Of all points of the space; strain zero if None.
+        """
+        rows = self._problem.material_index
+        if part is not None:
+            stress, state = stress[part.points], state[part.points]
+            strain = None if strain is None else strain[part.points]
+            rows = None if rows is None else rows[part.points]
+        self.part = part
+        self.forces = ForceAssembler(self.space if part is None else part)
+        self.material = QuadratureMaterial(
+            self._problem.law, self.forces, stress, state, self.accounting, strain, material_index=rows
+        )
+        self._tangent_matrix = None
+
+    def of_space(self, values: NDArray[Kind]) -> NDArray[Kind]:
+        """Values at all points of the space of those at the points that are there; zero elsewhere. Always a copy."""
+        if self.part is None:
+            return values.copy()
+        whole = np.zeros((self.space.npoints, *values.shape[1:]), dtype=values.dtype)
+        whole[self.part.points] = values
+        return whole
+
+    def worst(self, report: UpdateReport) -> tuple[int, str]:
+        """Point of a report with the gravest status, by its number in the space, and the sentence on it."""
+        if self.part is None or report.worst_point < 0:
+            return report.worst_point, report.message
+        point = int(self.part.points[report.worst_point])
+        return point, f"point {point}: {report.message.partition(': ')[2]}"
 
     @property
     def solver_name(self) -> str:
@@ -130,12 +169,15 @@ class Equilibrium:
             self.unknowns = TiedUnknowns(terms.ties, led)
         else:
             mask = np.ones(self.space.ndofs, dtype=bool)
+            if self.part is not None:
+                mask[:] = False
+                mask[2 * self.part.nodes] = mask[2 * self.part.nodes + 1] = True
             mask[terms.constrained] = False
             if led >= 0:
                 mask[led] = False
             self.unknowns = FreeUnknowns(np.flatnonzero(mask))
         self._full[:] = 0.0
-        self._tangent_matrix = self.unknowns.tangent(self.space, self._springs)
+        self._tangent_matrix = self.unknowns.tangent(self.space if self.part is None else self.part, self._springs)
         self._solver.reset()
 
     def set_springs(self, offsets: Array) -> None:

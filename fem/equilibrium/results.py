@@ -26,6 +26,8 @@ class StageStart:
         For each of the stage's springs, stiffness times the displacement at which it has no force [N/m].
     load_factors : ndarray, shape (number of the stage,)
         What controls of the stages before have come to, 1 for stages without; empty if no stage has one.
+    held : ndarray, shape (ndofs,), optional
+        What is left at the end of the stage of the forces that excavated parts had exerted [N/m]; None without any.
     """
 
     displacement: Array
@@ -33,6 +35,7 @@ class StageStart:
     reference: Array
     spring_offsets: Array = field(default_factory=lambda: np.empty((0, 0)))
     load_factors: Array = field(default_factory=lambda: np.empty(0))
+    held: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,10 @@ class StepResult:
         and moment anticlockwise.
     springs : dict of str to (float, float)
         Force of the springs on the body, summed over each boundary that has some in some stage [N/m].
+    active : ndarray of bool, shape (nelem,), optional
+        Elements that are there, where stages change the body. Everything at a point of another one is zero.
+    support : ndarray, shape (ndofs,), optional
+        Nodal forces of the supports on the body, zero at free degrees of freedom [N/m].
     """
 
     stage: str
@@ -95,6 +102,8 @@ class StepResult:
     load_factor: float = 1.0
     rigid: dict[str, tuple[float, ...]] = field(default_factory=dict)
     springs: dict[str, tuple[float, float]] = field(default_factory=dict)
+    active: NDArray[np.bool_] | None = None
+    support: Array | None = None
 
 
 @dataclass(frozen=True)

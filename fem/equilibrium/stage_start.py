@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from granfabric.fem.loads.load_program import StageTerms
 from granfabric.fem.loads.problem import Problem
 from granfabric.fem.vectors import Array
 
+from .excavation import excavation_forces
 from .results import StageStart
 
 NONE = np.empty(0)
@@ -50,6 +53,7 @@ def stage_start(
     terms = problem.program.terms[index]
     fading = np.zeros_like(displacement)
     offsets, dropped = _springs(problem, index, displacement, before)
+    held: Array | None = None
     if index == 0:
         imbalance = internal_force - force_at_start(problem, index)
     else:
@@ -84,7 +88,23 @@ def stage_start(
         if dropped is not None:
             free = np.setdiff1d(np.arange(len(fading)), taken)
             fading[free] -= dropped[free]
-    return StageStart(displacement.copy(), fading, reference, offsets, np.array(factors, dtype=np.float64))
+        if terms.body is not None:
+            left = internal_force - force_at_start(problem, index, factors)
+            held = None if before is None else before.held
+            fading, held = excavation_forces(problem, index, left, fading, held)
+    return StageStart(displacement.copy(), fading, reference, offsets, np.array(factors, dtype=np.float64), held)
+
+
+def counted_anew(problem: Problem, index: int, before: StageStart | None, displacement: Array) -> StageStart | None:
+    """What the stage before remembers of its springs when displacements count from the beginning of this one.
+
+    Their forces stay: with the displacements there, shape (ndofs,), the offsets lose what these exert.
+    """
+    if before is None or not problem.stages[index].reset_displacements or not len(before.spring_offsets):
+        return before
+    springs = problem.program.terms[index - 1].springs
+    offsets = [row - matrix @ displacement for row, (_, matrix) in zip(before.spring_offsets, springs)]
+    return replace(before, spring_offsets=np.array(offsets))
 
 
 def _springs(
@@ -124,6 +144,8 @@ def external_force(problem: Problem, index: int, start: StageStart, fraction: fl
     else:
         external = forces.at(fraction, terms.stage.increments, load_factor, start.reference)
     external += (1.0 - fraction) * start.fading
+    if start.held is not None:
+        external += start.held
     return external
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from granfabric.fem.discretisation.active_part import Elements
 from granfabric.fem.discretisation.assembly import TangentAssembler
-from granfabric.fem.discretisation.space import Space
 from granfabric.fem.loads.ties import Ties
 from granfabric.fem.vectors import Array
 
@@ -35,7 +35,7 @@ class Unknowns(Protocol):
         """Unknowns, shape (count,), of displacements, shape (ndofs,)."""
         ...
 
-    def tangent(self, space: Space, springs: csr_matrix | None) -> UnknownsTangent:
+    def tangent(self, space: Elements, springs: csr_matrix | None) -> UnknownsTangent:
         """Assembler of the tangent matrix."""
         ...
 
@@ -69,7 +69,7 @@ class FreeUnknowns:
         """See `Unknowns`."""
         return np.asarray(displacement[self.free])
 
-    def tangent(self, space: Space, springs: csr_matrix | None) -> UnknownsTangent:
+    def tangent(self, space: Elements, springs: csr_matrix | None) -> UnknownsTangent:
         """See `Unknowns`."""
         return UnknownsTangent(space, self.free, springs, None)
 
@@ -111,7 +111,7 @@ class TiedUnknowns:
         """See `Unknowns`."""
         return np.asarray(self._inverse @ displacement)
 
-    def tangent(self, space: Space, springs: csr_matrix | None) -> UnknownsTangent:
+    def tangent(self, space: Elements, springs: csr_matrix | None) -> UnknownsTangent:
         """See `Unknowns`."""
         used = np.flatnonzero(np.diff(self._matrix.indptr))
         return UnknownsTangent(space, used, springs, csr_matrix(self._matrix[used]))
@@ -122,7 +122,7 @@ class UnknownsTangent:
 
     Parameters
     ----------
-    space : Space
+    space : Space or ActivePart
     dofs : ndarray of int, ascending
         Degrees of freedom that the unknowns move.
     springs : csr_matrix, shape (ndofs, ndofs), optional
@@ -137,7 +137,7 @@ class UnknownsTangent:
 
     def __init__(
         self,
-        space: Space,
+        space: Elements,
         dofs: NDArray[np.int64],
         springs: csr_matrix | None,
         transformation: csr_matrix | None,

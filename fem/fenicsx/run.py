@@ -141,6 +141,7 @@ class _Collected(Run):
             status=self._of_points(own.status.astype(np.float64)).astype(np.int8),
             substeps=int(self._comm.allreduce(own.substeps)),
             stage_start=self._last_start[1],
+            support=forces,
         )
 
     def _memory(self, *arguments: Any) -> SolverMemory:
@@ -186,7 +187,7 @@ def divide_checkpoint(
     if resume is not None:
         plain = replace(resume, displacement=_NONE, stress=_NONE, strain=_NONE, state=_NONE,
                         status=np.empty(0, dtype=np.int8),
-                        stage_start=StageStart(_NONE, _NONE, _NONE), reactions={})  # fmt: skip
+                        stage_start=StageStart(_NONE, _NONE, _NONE), reactions={}, support=None)  # fmt: skip
         rest = None
         if memory is not None:
             rest = replace(memory, tangent=_NONE, last_correction=None, factor=FactorMemory())

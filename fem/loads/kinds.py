@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .amplitude import RAMP, Amplitude, amplitude
-from .checks import COMPONENTS, LoadError, Value, check_component, pair, scalar, several
+from .checks import COMPONENTS, LoadError, Value, check_component, check_finite, pair, scalar, several
 from .control import LoadControl
 from .rigid import RigidBody
 from .springs import Spring
@@ -194,6 +194,16 @@ class Stage:
         Of the loads that have none of their own.
     control : LoadControl, optional
         The loads that the stage names grow or fall together so that a displacement goes as wanted.
+    deactivate, activate : sequence of str
+        Regions that the stage takes away, and regions that it adds; see `granfabric.fem.loads.bodies`.
+    release : float
+        Share of the forces that excavated regions had exerted which is released at the end of the stage; they fade
+        linearly. A later stage releases the rest, or up to its own share.
+    fill_pressure : float
+        Isotropic pressure under which what the stage activates is placed [Pa]; what nothing balances of it fades over
+        the stage.
+    reset_displacements : bool
+        Displacements and strains count from the beginning of the stage.
     """
 
     name: str
@@ -203,6 +213,11 @@ class Stage:
     drained: bool = False
     amplitude: Any = RAMP
     control: LoadControl | None = None
+    deactivate: Sequence[str] = ()
+    activate: Sequence[str] = ()
+    release: float = 1.0
+    fill_pressure: float = 0.0
+    reset_displacements: bool = False
 
     def __post_init__(self) -> None:
         whole = isinstance(self.increments, (int, np.integer)) and not isinstance(self.increments, bool)
@@ -213,6 +228,7 @@ class Stage:
         for load in self.loads:
             if not isinstance(load, Load):
                 raise LoadError(f"stage {self.name!r}: {load!r} is not a load")
+        self._check_body()
         try:
             object.__setattr__(self, "amplitude", amplitude(self.amplitude))
         except LoadError as error:
@@ -232,6 +248,24 @@ class Stage:
             return RAMP
         own = load.amplitude
         return self.amplitude if own is None else own
+
+    def _check_body(self) -> None:
+        owner = f"stage {self.name!r}"
+        for key in ("deactivate", "activate"):
+            given = getattr(self, key)
+            names = [given] if isinstance(given, str) else several(f"{owner}: {key}", given)
+            for name in names:
+                if names.count(name) > 1:
+                    raise LoadError(f"{owner} {key}s region {name!r} twice")
+            object.__setattr__(self, key, tuple(names))
+        for key, upper in (("release", 1.0), ("fill_pressure", np.inf)):
+            value = getattr(self, key)
+            check_finite(f"{owner}: {key}", value)
+            if not 0.0 <= value <= upper:
+                legal = "between 0 and 1" if upper == 1.0 else "zero or above (compression is positive here)"
+                raise LoadError(f"{owner}: {key} = {value:g} is not {legal}")
+        if self.fill_pressure and not self.activate:
+            raise LoadError(f"{owner}: fill_pressure = {self.fill_pressure:g}, but the stage activates no region")
 
 
 def check_stages(stages: Sequence[Stage]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,30 +12,28 @@ from scipy.sparse import csr_matrix
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.mesh.checks import MeshError
 
-from .amplitude import RAMP, Amplitude, merged_corners
-from .checks import COMPONENTS, Array, LoadError, values_at
+from .amplitude import Amplitude, merged_corners
+from .bodies import Body, SpaceOfBody, bodies_of_stages, space_at
+from .checks import COMPONENTS, Array, LoadError
 from .control import LoadControl
-from .kinds import (
-    BodyForce,
-    Displacement,
-    Fixed,
-    FixedPoint,
-    Load,
-    Pressure,
-    RigidBody,
-    Spring,
-    Stage,
-    Traction,
-    check_stages,
+from .kinds import Spring, Stage, check_stages
+from .resolved import (
+    Constraint,
+    Key,
+    Named,
+    held_body,
+    kept_supports,
+    merged,
+    nearest,
+    present,
+    refuse_absent,
+    refuse_supports_on_tied,
+    refuse_touched,
+    resolve,
 )
 from .rigid import MOTIONS, Contact
-from .stage_forces import BODY, ForceProgram, StageForces
+from .stage_forces import ForceProgram, StageForces
 from .ties import Tie, Ties, check_motions
-
-Key = tuple[Any, ...]
-
-# Two prescribed displacements of one node are the same if they differ by less than this fraction of the largest one.
-SAME_DISPLACEMENT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -82,6 +79,9 @@ class StageTerms:
         Rigid bodies.
     springs : tuple of (Spring, csr_matrix)
     led : Led, optional
+    body : Body, optional
+        What is there in this stage, where stages change it; loads act on that alone, and `force_start` leaves out what
+        the stage takes away.
     """
 
     stage: Stage
@@ -95,6 +95,7 @@ class StageTerms:
     ties: Ties | None = None
     springs: tuple[tuple[Spring, csr_matrix], ...] = ()
     led: Led | None = None
+    body: Body | None = None
 
     def moved(self, fraction: float, here: Array, target: Array) -> Array:
         """Displacements of the constrained degrees of freedom at a position within the stage [m]."""
@@ -103,24 +104,6 @@ class StageTerms:
             factor = amplitude.factor(fraction, self.stage.increments)
             moved[places] = here[places] + factor * (target[places] - here[places])
         return moved
-
-
-@dataclass(frozen=True)
-class _Constraint:
-    dofs: NDArray[np.int64]
-    values: Array  # nan: stay
-    label: str
-    amplitude: Amplitude = RAMP
-
-
-class _Named:
-    """What one stage names, by the key under which a later stage replaces it."""
-
-    def __init__(self) -> None:
-        self.constraints: dict[Key, _Constraint] = {}
-        self.forces: dict[Key, tuple[Array, Amplitude]] = {}
-        self.ties: dict[str, Tie] = {}
-        self.springs: dict[str, tuple[Spring, csr_matrix]] = {}
 
 
 class LoadProgram:
@@ -149,32 +132,46 @@ class LoadProgram:
         check_stages(stages)
         self.terms: list[StageTerms] = []
         self.contacts: dict[str, Contact] = {}
-        constraints: dict[Key, _Constraint] = {}
+        constraints: dict[Key, Constraint] = {}
         ties: dict[str, Tie] = {}
         springs: dict[str, tuple[Spring, csr_matrix]] = {}
         # Displacement of each degree of freedom at the end of the stage, as far as it is known beforehand.
         known = np.zeros(space.ndofs)
         previous = np.empty(0, dtype=np.int64)
         self._forces = ForceProgram(space.ndofs)
-        for stage in stages:
-            named = _Named()
+        bodies = bodies_of_stages(space, stages)
+        body: Body | None = None
+        for stage, following in zip(stages, bodies):
+            before, body = body, following
+            here, spaces = space_at(space, body), None
+            if stage.reset_displacements:
+                known = np.zeros(space.ndofs)
+            if before is not None and body is not None and body.changes:
+                known[body.dofs & ~before.dofs] = 0.0
+                spaces = SpaceOfBody(space, before.active, body.active), here
+            named = Named()
             for load in stage.loads:
                 try:
-                    _resolve(space, load, stage, named)
+                    resolve(here, load, stage, named)
                 except MeshError as error:
                     raise MeshError(f"stage {stage.name!r}: {error}") from None
+                if body is not None:
+                    refuse_absent(here, load, body, stage.name, named.constraints)
             if stage.keep:
-                constraints = {**_kept(constraints, named), **named.constraints}
-                held = {name: _held(tie) for name, tie in ties.items()}
-                _refuse_supports_on_tied(stage, held, named)
+                constraints = {**kept_supports(constraints, named), **named.constraints}
+                held = {name: held_body(tie) for name, tie in ties.items()}
+                refuse_supports_on_tied(stage, held, named)
                 ties, springs = {**held, **named.ties}, {**springs, **named.springs}
             else:
                 constraints, ties, springs = named.constraints, named.ties, named.springs
             self.contacts |= {name: tie.contact for name, tie in named.ties.items()}
-            self._forces.add(stage, named.forces)
-            constrained, target, moving = _merge(space, stage, constraints, known)
+            self._forces.add(stage, named.forces, spaces)
+            constrained, target, moving = merged(space, stage, present(body, constraints), known)
             corners = merged_corners([stage.amplitude_of(load) for load in stage.loads], stage.increments)
-            forces = self._forces.of(len(self.terms), ())
+            try:
+                forces = self._forces.of(len(self.terms), ())
+            except MeshError as error:  # of a load that an earlier stage left on what is no longer a boundary
+                raise MeshError(f"stage {stage.name!r}: {error}") from None
             terms = StageTerms(
                 stage,
                 constrained,
@@ -185,20 +182,24 @@ class LoadProgram:
                 moving,
                 tuple(corners),
                 springs=tuple(springs.values()),
+                body=body,
             )
             terms = self._with_ties(space, terms, list(ties.values()), known)
             now = terms.constrained if terms.ties is None else np.union1d(terms.constrained, terms.ties.dofs)
             released = np.setdiff1d(previous, now)
+            if body is not None:
+                released = released[body.dofs[released]]
             self.terms.append(replace(terms, released=released))
             moved = np.full(space.ndofs, np.nan)
-            here = known[constrained]
-            end = np.where(np.isnan(target), here, target)
+            start = known[constrained]
+            end = np.where(np.isnan(target), start, target)
             for amplitude, places in moving:
                 reached = amplitude.factor(1.0, stage.increments)
                 if reached != 1.0:
-                    end[places] = here[places] + reached * (end[places] - here[places])
+                    end[places] = start[places] + reached * (end[places] - start[places])
             moved[constrained] = end
             known, previous = moved, now
+        refuse_touched(space, stages, bodies)
 
     def _with_ties(self, space: Space, terms: StageTerms, ties: list[Tie], known: Array) -> StageTerms:
         """Terms with rigid bodies and what is led."""
@@ -210,7 +211,7 @@ class LoadProgram:
                 ties[led.tie] = replace(ties[led.tie], led=coordinate)
             if not ties:
                 return replace(terms, led=led)
-            made = Ties(space.ndofs, terms.constrained, ties)
+            made = Ties(space.ndofs, terms.constrained, ties, None if terms.body is None else terms.body.dofs)
         except LoadError as error:
             raise LoadError(f"stage {stage.name!r}: {error}") from None
         check_motions(made, terms.target - known[terms.constrained], known, f"stage {stage.name!r}")
@@ -233,9 +234,11 @@ class LoadProgram:
                 )
             return Led(control.target * (tie.contact.arm if coordinate == 2 else 1.0), tie=number)
         assert control.point is not None
-        node = _nearest(space, control.point)
+        node = nearest(space, control.point)
         dof = 2 * node + COMPONENTS.index(control.component)
         x, y = space.nodes[node]
+        if terms.body is not None and not terms.body.dofs[dof]:
+            raise LoadError(f"the control leads the node at ({x:.6g}, {y:.6g}), which is not active in this stage")
         if dof in terms.constrained:
             raise LoadError(
                 f"the control leads component {control.component} of the node at ({x:.6g}, {y:.6g}), which is "
@@ -270,147 +273,3 @@ class LoadProgram:
     def spring_boundaries(self) -> list[str]:
         """Boundaries that have springs in some stage."""
         return list(dict.fromkeys(spring.boundary for terms in self.terms for spring, _ in terms.springs))
-
-
-def _kept(constraints: dict[Key, _Constraint], named: _Named) -> dict[Key, _Constraint]:
-    """Supports of an earlier stage that stay; a rigid body takes the place of those of its own boundary."""
-    places = {f"boundary {name!r}" for name in named.ties}
-    return {
-        key: _Constraint(held.dofs, np.full(len(held.dofs), np.nan), held.label.removesuffix(" (kept)") + " (kept)")
-        for key, held in constraints.items()
-        if key[0] not in places
-    }
-
-
-def _held(tie: Tie) -> Tie:
-    """A rigid body that a stage does not name: what was prescribed stays, its force as well."""
-    return replace(tie, target=np.full(3, np.nan), amplitude=RAMP, led=-1)
-
-
-def _refuse_supports_on_tied(stage: Stage, held: dict[str, Tie], named: _Named) -> None:
-    for place, _ in named.constraints:
-        for name in held:
-            if place == f"boundary {name!r}" and name not in named.ties:
-                raise LoadError(
-                    f"stage {stage.name!r}: boundary {name!r} is tied to a rigid body; move or hold that one (rigid), "
-                    "or take keep = false"
-                )
-
-
-def _nearest(space: Space, point: Sequence[float]) -> int:
-    """Node nearest to a point."""
-    return int(np.argmin(np.sum((space.nodes - np.asarray(point)) ** 2, axis=1)))
-
-
-def _resolve(space: Space, load: Load, stage: Stage, named: _Named) -> None:
-    """Enter one load under the key by which a later stage replaces it."""
-    amplitude = stage.amplitude_of(load)
-    if isinstance(load, (Fixed, FixedPoint, Displacement)):
-        if isinstance(load, FixedPoint):
-            nodes = np.array([_nearest(space, load.point)])
-            place, components = f"point {load.point}", load.components
-        else:
-            nodes, place = space.boundary_nodes(load.boundary), f"boundary {load.boundary!r}"
-            components = load.components if isinstance(load, Fixed) else (load.component,)
-        for component in components:
-            values = np.full(len(nodes), np.nan)
-            if isinstance(load, Displacement):
-                values[:] = values_at(f"the displacement of {place}", load.value, (), *space.nodes[nodes].T)
-            if (place, component) in named.constraints:
-                raise LoadError(f"stage {stage.name!r} prescribes component {component} of {place} twice")
-            dofs = 2 * nodes + COMPONENTS.index(component)
-            named.constraints[place, component] = _Constraint(dofs, values, place, amplitude)
-        return
-    if isinstance(load, Spring):
-        if load.boundary in named.springs:
-            raise LoadError(f"stage {stage.name!r} has springs on boundary {load.boundary!r} twice")
-        named.springs[load.boundary] = (load, load.matrix(space))
-        return
-    key, vector = _tied(space, load, stage, named, amplitude) if isinstance(load, RigidBody) else _force(space, load)
-    if key in named.forces:
-        raise LoadError(f"stage {stage.name!r} prescribes the {key[0]} on {key[1]!r} twice")
-    named.forces[key] = vector, amplitude
-
-
-def _tied(space: Space, load: RigidBody, stage: Stage, named: _Named, amplitude: Amplitude) -> tuple[Key, Array]:
-    """Enter a rigid body; the nodal forces of its force and moment."""
-    if any(place == f"boundary {load.boundary!r}" for place, _ in named.constraints):
-        raise LoadError(
-            f"stage {stage.name!r}: boundary {load.boundary!r} has a support and a rigid body; hold the body itself "
-            '(displacement_x, displacement_y, rotation = "fixed")'
-        )
-    try:
-        contact = Contact(space, load)
-        vector = contact.nodal_force()
-    except LoadError as error:
-        raise LoadError(f"stage {stage.name!r}: {error}") from None
-    turn = None if isinstance(load.rotation, str) else load.rotation * contact.arm
-    target = np.array([np.nan if value is None else value for value in (*load.displacement, turn)])
-    prescribed = (load.displacement[0] is not None, load.displacement[1] is not None, load.rotation != "free")
-    named.ties[load.boundary] = Tie(contact, prescribed, target, amplitude)
-    return (BODY, load.boundary), vector
-
-
-def _force(space: Space, load: Traction | Pressure | BodyForce) -> tuple[Key, Array]:
-    """Key and nodal forces of a traction, a pressure or a body force."""
-    if isinstance(load, BodyForce):
-        cells = None if load.region is None else space.host_mesh.cells(load.region)
-        vector = space.body_vector(lambda x, y: values_at("the body force", load.value, (2,), x, y), cells)
-        return ("body force", load.region), vector
-    if isinstance(load, Pressure):
-        pressure = load.value
-
-        def pressing(x: Array, y: Array, nx: Array, ny: Array) -> Array:
-            size = values_at(f"the pressure on boundary {load.boundary!r}", pressure, (), x, y)
-            return np.stack([-size * nx, -size * ny], axis=1)
-
-        return ("pressure", load.boundary), space.traction_vector(load.boundary, pressing)
-    owner = f"the traction on boundary {load.boundary!r}"
-    vector = space.traction_vector(load.boundary, lambda x, y, nx, ny: values_at(owner, load.value, (2,), x, y, nx, ny))
-    return (load.name, load.boundary), vector
-
-
-def _merge(
-    space: Space, stage: Stage, constraints: dict[Key, _Constraint], known: Array
-) -> tuple[NDArray[np.int64], Array, tuple[tuple[Amplitude, NDArray[np.int64]], ...]]:
-    """One target for each prescribed degree of freedom, and which go there otherwise than linearly.
-
-    Contradictions are refused.
-
-    A degree of freedom of unknown position (free until now) may not be both held and displaced.
-    """
-    size = max([0.0, *(np.nanmax(np.abs(held.values), initial=0.0) for held in constraints.values())])
-    allowed = SAME_DISPLACEMENT * max(size, float(np.nanmax(np.abs(known), initial=0.0)))
-    owner: dict[int, tuple[float, float, str]] = {}
-    ways: dict[int, Amplitude] = {}
-    for constraint in constraints.values():
-        for dof, value in zip(constraint.dofs.tolist(), constraint.values.tolist()):
-            end = known[dof] if np.isnan(value) else value
-            if dof not in owner:
-                owner[dof] = (value, end, constraint.label)
-                ways[dof] = constraint.amplitude
-                continue
-            other_value, other_end, label = owner[dof]
-            same_hold = np.isnan(value) and np.isnan(other_value)
-            if not same_hold and not abs(end - other_end) <= allowed:
-                x, y = space.nodes[dof // 2]
-                raise LoadError(
-                    f"stage {stage.name!r}: the node at ({x:.6g}, {y:.6g}) is told two displacements of component "
-                    f"{COMPONENTS[dof % 2]}, by {label} ({other_end:.6g} m) and by {constraint.label} ({end:.6g} m)"
-                )
-            if ways[dof] != constraint.amplitude and not abs(end - known[dof]) <= allowed:
-                x, y = space.nodes[dof // 2]
-                raise LoadError(
-                    f"stage {stage.name!r}: the node at ({x:.6g}, {y:.6g}) is told two amplitudes of component "
-                    f"{COMPONENTS[dof % 2]}, by {label} and by {constraint.label}"
-                )
-            if np.isnan(other_value):
-                owner[dof] = (value, end, constraint.label)
-                ways[dof] = constraint.amplitude
-    dofs = np.array(sorted(owner), dtype=np.int64)
-    places: dict[Amplitude, list[int]] = {}
-    for place, dof in enumerate(dofs.tolist()):
-        if ways[dof] != RAMP:
-            places.setdefault(ways[dof], []).append(place)
-    moving = tuple((amplitude, np.array(found, dtype=np.int64)) for amplitude, found in places.items())
-    return dofs, np.array([owner[dof][0] for dof in dofs.tolist()]), moving

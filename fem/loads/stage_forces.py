@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+
+from granfabric.fem.discretisation.space import Space
 
 from .amplitude import RAMP, Amplitude
 from .checks import Array
@@ -16,6 +18,34 @@ Key = tuple[Any, ...]
 
 BODY = "rigid body"
 """First part of the key of a rigid body's force."""
+
+
+@dataclass(frozen=True)
+class NodalForce:
+    """Nodal forces of one load, at its value in the stage that names it.
+
+    Parameters
+    ----------
+    vector : ndarray, shape (ndofs,)
+        On the body of that stage [N/m].
+    amplitude : Amplitude
+    on : callable
+        The same on the space of another body.
+    """
+
+    vector: Array
+    amplitude: Amplitude
+    on: Callable[[Space], Array]
+
+
+@dataclass(frozen=True)
+class _Value:
+    """Forces that a key has come to at the end of a stage: those before, and a part of the way to those of a load."""
+
+    stage: int
+    force: NodalForce
+    reached: float
+    before: _Value | None
 
 
 @dataclass(frozen=True)
@@ -60,8 +90,15 @@ class StageForces:
         return force
 
 
+_Where = tuple[int, bool]
+"""Body on which forces act: number of the stage that changed it last, and whether it is meant before that change."""
+
+
 class ForceProgram:
     """Forces by key through the stages; what a control comes to is known only when its stage has been run.
+
+    Where a stage changes the body, its forces at the start are what earlier loads exert on what stays, and those at the
+    end act on the new body.
 
     Parameters
     ----------
@@ -70,12 +107,22 @@ class ForceProgram:
 
     def __init__(self, ndofs: int) -> None:
         self._ndofs = ndofs
-        self._stages: list[tuple[Stage, dict[Key, tuple[Array, Amplitude]]]] = []
+        self._stages: list[tuple[Stage, dict[Key, NodalForce]]] = []
         self._found: dict[tuple[int, tuple[float, ...]], StageForces] = {}
+        self._spaces: dict[int, tuple[Space, Space]] = {}
+        self._last_change: list[int] = []
+        self._again: dict[tuple[int, int, bool, int], Array] = {}
 
-    def add(self, stage: Stage, named: dict[Key, tuple[Array, Amplitude]]) -> None:
-        """Append a stage with the forces that it names."""
+    def add(self, stage: Stage, named: dict[Key, NodalForce], spaces: tuple[Space, Space] | None = None) -> None:
+        """Append a stage with the forces that it names.
+
+        `spaces` are given if it changes the body: on which earlier loads act at its start, and all at its end.
+        """
+        number = len(self._stages)
         self._stages.append((stage, named))
+        if spaces is not None:
+            self._spaces[number] = spaces
+        self._last_change.append(number if spaces is not None or number == 0 else self._last_change[-1])
 
     def of(self, index: int, factors: Sequence[float]) -> StageForces:
         """Forces of a stage; `factors` are the load factors that the controls of the stages before ended with."""
@@ -86,43 +133,66 @@ class ForceProgram:
             self._found[key] = self._compute(index, key[1])
         return self._found[key]
 
+    def _vector(self, value: _Value, where: _Where) -> Array:
+        """Forces of a load on the body of another stage than its own, made once."""
+        changed, at_start = where
+        if self._last_change[value.stage] == changed and not at_start:
+            return value.force.vector
+        key = (value.stage, id(value.force), at_start, changed)
+        if key not in self._again:
+            self._again[key] = value.force.on(self._spaces[changed][0 if at_start else 1])
+        return self._again[key]
+
+    def _at(self, value: _Value | None, where: _Where) -> Array:
+        if value is None:
+            return np.zeros(self._ndofs)
+        vector = self._vector(value, where)
+        if value.reached == 1.0:
+            return vector
+        here = self._at(value.before, where)
+        return np.asarray(here + value.reached * (vector - here))
+
+    def _sum(self, values: dict[Key, _Value], where: _Where) -> Array:
+        if not values:
+            return np.zeros(self._ndofs)
+        return np.asarray(np.sum([self._at(value, where) for value in values.values()], axis=0))
+
     def _compute(self, index: int, factors: tuple[float, ...]) -> StageForces:
-        nothing = np.zeros(self._ndofs)
-        values: dict[Key, Array] = {}
+        values: dict[Key, _Value] = {}
         for number, (stage, named) in enumerate(self._stages[: index + 1]):
             before = values
             values = dict(before) if stage.keep else {}
-            for key, (vector, amplitude) in named.items():
-                here = before.get(key, nothing)
-                reached = amplitude.factor(1.0, stage.increments)
+            for key, force in named.items():
+                reached = force.amplitude.factor(1.0, stage.increments)
                 if stage.control is not None and number < index:
                     reached = factors[number] if number < len(factors) else 1.0
-                values[key] = vector if reached == 1.0 else here + reached * (vector - here)
+                values[key] = _Value(number, force, reached, before.get(key))
         stage, named = self._stages[index]
-        start, end = _sum(before, nothing), _sum(values, nothing)
+        there: _Where = (self._last_change[index], False)
+        at_start: _Where = (index, True) if index in self._spaces else there
+        start, end = self._sum(before, at_start), self._sum(values, there)
         changes: dict[Amplitude, Array] = {}
         linear = dict(values)
-        for key, (vector, amplitude) in named.items():
-            if amplitude == RAMP and stage.control is None:
+        for key, force in named.items():
+            if force.amplitude == RAMP and stage.control is None:
                 continue
-            here = before.get(key, nothing)
-            changes[amplitude] = changes.get(amplitude, nothing) + (vector - here)
-            linear[key] = here
+            here = self._at(before.get(key), there)
+            changes[force.amplitude] = changes.get(force.amplitude, np.zeros(self._ndofs)) + (force.vector - here)
+            if key in before:
+                linear[key] = before[key]
+            else:
+                del linear[key]
         bodies = {}
         for key in dict.fromkeys([*before, *named]):
             if key[0] == BODY:
                 given = named.get(key)
-                last = values.get(key, nothing) if given is None else given[0]
-                amplitude = RAMP if given is None else given[1]
+                last = self._at(values.get(key), there) if given is None else given.vector
+                amplitude = RAMP if given is None else given.amplitude
                 follows = given is not None and stage.control is not None
-                bodies[key[1]] = (before.get(key, nothing), last, amplitude, follows)
+                bodies[key[1]] = (self._at(before.get(key), at_start), last, amplitude, follows)
         if not changes:
             return StageForces(start, end, end, bodies=bodies)
-        ramp_end = _sum(linear, nothing)
+        ramp_end = self._sum(linear, there)
         if stage.control is not None:
             return StageForces(start, end, ramp_end, (), changes[RAMP], bodies)
         return StageForces(start, end, ramp_end, tuple(changes.items()), None, bodies)
-
-
-def _sum(forces: dict[Key, Array], nothing: Array) -> Array:
-    return np.asarray(np.sum(list(forces.values()), axis=0)) if forces else nothing.copy()

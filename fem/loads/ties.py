@@ -67,6 +67,8 @@ class Ties:
     constrained : ndarray of int
         Degrees of freedom that supports prescribe, ascending.
     ties : sequence of Tie
+    there : ndarray of bool, shape (ndofs,), optional
+        Degrees of freedom that are there at all, where stages change the body; the boundaries' are.
 
     Raises
     ------
@@ -77,6 +79,7 @@ class Ties:
     ndofs: int
     constrained: NDArray[np.int64]
     ties: Sequence[Tie]
+    there: NDArray[np.bool_] | None = None
     matrix: csr_matrix = field(init=False)
     """T, shape (ndofs, n)."""
     left_inverse: csr_matrix = field(init=False)
@@ -86,7 +89,7 @@ class Ties:
     def __post_init__(self) -> None:
         place = np.full(self.ndofs, -1, dtype=np.int64)
         place[self.constrained] = np.arange(len(self.constrained))
-        single = np.ones(self.ndofs, dtype=bool)
+        single = np.ones(self.ndofs, dtype=bool) if self.there is None else self.there.copy()
         single[self.constrained] = False
         columns: list[tuple[NDArray[np.int64], Array, Array]] = []  # dofs, what the unknown moves, what finds it
         motions = []

@@ -344,7 +344,8 @@ def test_numbers_of_a_comparison(tmp_path: Path) -> None:
     space: Any = SimpleNamespace(points=points, weights=weights)
     loaded: Any = SimpleNamespace(scene=SimpleNamespace(closed_form=form, material=None, random_state=None))
     problem: Any = SimpleNamespace(space=space, initial_stress=initial)
-    found = comparison.compare(loaded, problem, SimpleNamespace(stress=initial + exact + wrong))  # type: ignore[arg-type]
+    step: Any = SimpleNamespace(stress=initial + exact + wrong, active=None)
+    found = comparison.compare(loaded, problem, step)
     expected = np.sqrt((weights[:, None] * wrong**2).sum() / (weights[:, None] * exact**2).sum())
     assert found.stress_error == pytest.approx(expected, rel=1e-12) and found.displacement_error is None
     line = {name: np.array(values) for name, values in found.line.items()}
@@ -498,6 +499,13 @@ def test_sentences_of_the_audit() -> None:
         'closure.force_change="shifted_distribution"', "effects.contact_gain=true"
     ]  # fmt: skip
     assert effects_audit.messages(audit, scene)[-1].startswith("audit: q/p reaches 0.31 without sliding; beyond 0.25")
+    # friction 0.2 is used up earlier; where it carries more, or does not slip at all, the usual bound stays
+    used_up = "beyond 0.17, tangential_force_ratio/(2 slip), tangential forces"
+    for slip, known in ((2.3, used_up), (1.0, "beyond 0.25 s"), (0.0, "beyond 0.25 s")):
+        scene.closure = Closure(force_change="shifted_distribution", tangential_force_ratio=0.78, slip=slip)
+        assert f"q/p reaches 0.31 without sliding; {known}" in effects_audit.messages(audit, scene)[-1]
+    scene.closure = Closure(force_change="shifted_distribution", slip=2.3)
+    assert not any("sliding" in text for text in effects_audit.messages(Audit([], 0.16), scene))
     data = effects_audit.as_data(Audit([entry("contact_gain", True, largest=np.inf)], 0.1))[0]
     assert (data["mean"], data["most"], data["largest"], data["fraction"]) == (0.02, 0.03, "without bound", 0.25)
 
