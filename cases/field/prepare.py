@@ -124,8 +124,8 @@ def prepare(loaded: LoadedScene) -> Prepared:
     except MeshError as error:
         raise loaded.error(["mesh"], f"mesh: {error}") from error
     point_index = None if index is None else index[space.point_cell]
-    program = stages(scene)
     try:
+        program = stages(scene)
         effective = initial_state.stress(loaded, space, program, law)
         initial_state.refuse_beyond_law(loaded, law, effective, point_index)
         stress, state = initial_state.with_water(loaded, law, space, program, effective, point_index)
