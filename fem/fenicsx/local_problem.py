@@ -39,13 +39,17 @@ class _Program:
 
 
 def refuse_unknown_loads(problem: Problem) -> None:
-    """Refuse what couples degrees of freedom beyond the elements, which this host does not assemble.
+    """Refuse what this host does not assemble: what couples degrees of freedom beyond the elements, changing bodies.
 
     Raises
     ------
     LoadError
     """
     for terms in problem.program.terms:
+        if terms.body is not None and terms.body.changes:
+            raise LoadError(
+                f"stage {terms.stage.name!r} activates or deactivates regions, which the host fenicsx does not know"
+            )
         for kind, found in (("a rigid body", terms.ties), ("springs", terms.springs), ("a control", terms.led)):
             if found:
                 raise LoadError(f"stage {terms.stage.name!r} has {kind}, which the host fenicsx does not know")

@@ -112,7 +112,7 @@ class Team:
         DistributionError
             If the two hosts do not agree on elements or integration points.
         LoadError
-            If the problem has rigid bodies, springs or controls.
+            If the problem has rigid bodies, springs or controls, or a stage changes the body.
         """
         refuse_unknown_loads(problem)
         self._call(_SOLVE)

@@ -15,8 +15,8 @@ from granfabric.fem.equilibrium.stepping import solve
 from granfabric.fem.fenicsx.team import Team
 from granfabric.fem.loads.checks import LoadError
 
-OWN_ALONE = {"rigid_footing"}
-"""Scenes with rigid bodies, springs or controls."""
+OWN_ALONE = {"rigid_footing", "tunnel"}
+"""Scenes with rigid bodies, springs or controls, or with stages that change the body."""
 FIELDS = sorted({entry.name for entry in catalogue.shipped().values() if entry.kind == "field"} - OWN_ALONE)
 UNSTABLE = {"footing_capacity"}
 """Beyond its limit load Newton's iterates decide which of many solutions is found: compared by its reactions."""
@@ -53,8 +53,10 @@ def test_both_hosts_agree(name: str) -> None:
         assert mine.iterations == pytest.approx(yours.iterations, abs=1)
 
 
-def test_rigid_bodies_are_refused_before_anything_is_computed() -> None:
-    loaded = load("rigid_footing", [])
-    problem = prepare(loaded).problem
-    with Team() as team, pytest.raises(LoadError, match="has a rigid body, which the host fenicsx does not know"):
+@pytest.mark.parametrize(
+    ("scene", "words"), [("rigid_footing", "has a rigid body"), ("tunnel", "activates or deactivates regions")]
+)
+def test_what_this_host_does_not_know_is_refused_before_anything_is_computed(scene: str, words: str) -> None:
+    problem = prepare(load(scene, [])).problem
+    with Team() as team, pytest.raises(LoadError, match=f"{words}, which the host fenicsx does not know"):
         team.solve(problem)
