@@ -13,6 +13,7 @@ from .constitutive.plain_laws.linear_elastic import ElasticMaterial as ElasticMa
 from .constitutive.plain_laws.linear_elastic import LinearElasticLaw as LinearElasticLaw
 from .constitutive.plain_laws.von_mises import VonMisesLaw as VonMisesLaw
 from .constitutive.plain_laws.von_mises import VonMisesMaterial as VonMisesMaterial
+from .constitutive.pore_fluid import PoreFluidLaw as PoreFluidLaw
 from .dem_ref.dynamics.packing import PackingError as PackingError
 from .dem_ref.dynamics.packing import PackingOptions as PackingOptions
 from .dem_ref.exchange.files import load_packing as load_packing
@@ -32,12 +33,17 @@ from .fem.equilibrium.control import StepControl as StepControl
 from .fem.equilibrium.results import RunSummary as RunSummary
 from .fem.equilibrium.results import StepResult as StepResult
 from .fem.equilibrium.stepping import solve as solve
+from .fem.loads.amplitude import Amplitude as Amplitude
+from .fem.loads.control import LoadControl as LoadControl
+from .fem.loads.geostatic import geostatic_stress as geostatic_stress
 from .fem.loads.kinds import BodyForce as BodyForce
 from .fem.loads.kinds import Displacement as Displacement
 from .fem.loads.kinds import Fixed as Fixed
 from .fem.loads.kinds import FixedPoint as FixedPoint
 from .fem.loads.kinds import LoadError as LoadError
 from .fem.loads.kinds import Pressure as Pressure
+from .fem.loads.kinds import RigidBody as RigidBody
+from .fem.loads.kinds import Spring as Spring
 from .fem.loads.kinds import Stage as Stage
 from .fem.loads.kinds import Traction as Traction
 from .fem.loads.problem import Problem as Problem
@@ -59,5 +65,7 @@ from .scenes import load_scene as load_scene
 from .scenes import read_material as read_material
 from .scenes import run_scene as run_scene
 from .scenes import scene_names as scene_names
+from .sweeping import SweepResults as SweepResults
+from .sweeping import sweep as sweep
 
 __version__: str

@@ -16,13 +16,15 @@ import typer
 
 from granfabric.cases.errors import InputError, RunError
 
+from .engine_options import MapWorkersOption, SchedulerOption, ThreadsEachOption, ThreadsOption
 from .fit_options import CurvesArgument, DataOption, DataSetOption, FitOutputOption, FreeOption, MaterialFileOption
+from .hosts import HostOption, assists, leading
+from .picture_options import add_to, exit_by
 from .verify_options import (
     MaterialsOption,
     PackingSetOption,
     ParticlesOption,
     PathsOption,
-    ProcessesOption,
     QuickOption,
     SeedsOption,
 )
@@ -37,7 +39,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-
 
 
 def _scene_names(context: typer.Context, incomplete: str) -> list[str]:
@@ -132,19 +133,13 @@ def _upgraded(scene: str, given: list[str], record: Any, screen: Any) -> Any:
     """The scene with what the audit of a run asks for, which is added to the assignments given so far."""
     from granfabric.cases.scene.reader import load
 
-    more = record.details["upgrade"]
-    screen.say(f"running again with {', '.join(more)}")
-    given += more
+    screen.say(f"running again with {', '.join(record.details['upgrade'])}")
+    given += record.details["upgrade"]
     return load(scene, given)
 
 
 def _folder(output: Path | None, name: str) -> Path:
-    return output if output is not None else Path("results") / name
-
-
-def _exit(outcome: str) -> None:
-    if outcome != "finished":
-        raise typer.Exit(1)
+    return output or Path("results") / name
 
 
 @app.command()
@@ -155,13 +150,17 @@ def run(
     overwrite: OverwriteOption = False,
     assignments: SetOption = None,
     upgrade: UpgradeOption = False,
+    threads: ThreadsOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
+    host: HostOption = "own",
 ) -> None:
     """Compute a boundary-value problem."""
     from granfabric.cases.terminal.early_kernels import early_kernels
 
-    with early_kernels() as kernels, _speaking(quiet, verbose) as screen:
+    if assists(host):
+        return
+    with leading(host) as team, early_kernels() as kernels, _speaking(quiet, verbose) as screen:
         from granfabric.cases.scene import build
         from granfabric.cases.scene.reader import load
 
@@ -173,12 +172,12 @@ def run(
         loaded.require("field")
         kernels.start(build.kernels(loaded)[:1])
         accuracy_report.announce(loaded, screen)
-        record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels, overwrite)
+        record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels, overwrite, team)
         while upgrade and record.outcome == "finished" and record.details.get("upgrade"):
             loaded = _upgraded(scene, given, record, screen)
-            record = run_field(loaded, _folder(output, loaded.name), screen, False, kernels, overwrite)
+            record = run_field(loaded, _folder(output, loaded.name), screen, False, kernels, overwrite, team)
         accuracy_report.report(loaded, record, screen)
-        _exit(record.outcome)
+        exit_by(record.outcome)
 
 
 @app.command()
@@ -188,6 +187,7 @@ def point(
     overwrite: OverwriteOption = False,
     assignments: SetOption = None,
     upgrade: UpgradeOption = False,
+    threads: ThreadsOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:
@@ -206,27 +206,7 @@ def point(
             loaded = _upgraded(scene, given, record, screen)
             record = run_point(loaded, _folder(output, loaded.name), screen, overwrite)
         accuracy_report.report(loaded, record, screen)
-        _exit(record.outcome)
-
-
-@app.command()
-def dem(
-    scene: SceneArgument,
-    output: OutputOption = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue the run in the folder.")] = False,
-    overwrite: OverwriteOption = False,
-    assignments: SetOption = None,
-    quiet: QuietOption = False,
-    verbose: VerboseOption = False,
-) -> None:
-    """Pack and load disks by the discrete element method; measure the inputs of the point law."""
-    with _speaking(quiet, verbose) as screen:
-        from granfabric.cases.scene.reader import load
-
-        from .dem import run_dem
-
-        loaded = load(scene, assignments or [])
-        _exit(run_dem(loaded, _folder(output, loaded.name), screen, resume, overwrite).outcome)
+        exit_by(record.outcome)
 
 
 @app.command()
@@ -241,7 +221,9 @@ def verify(
     assignments: PackingSetOption = None,
     data: DataOption = None,
     quick: QuickOption = False,
-    processes: ProcessesOption = None,
+    workers: MapWorkersOption = None,
+    scheduler: SchedulerOption = None,
+    threads: ThreadsEachOption = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
@@ -251,10 +233,12 @@ def verify(
     With --paths, --materials, --set or --quick a map of materials by paths. With --data the law alone against curves.
     """
     with _speaking(quiet, verbose) as screen:
+        from granfabric.cases.engine.choice import Choice
+
         from .verify_kinds import verify_as_asked
 
-        choice = (particles, seeds, paths, materials, assignments or [], data or [], quick, processes)
-        _exit(verify_as_asked(output, *choice, screen, overwrite).outcome)
+        asked = (particles, seeds, paths, materials, assignments or [], data or [], quick)
+        exit_by(verify_as_asked(output, *asked, Choice(workers, scheduler, threads), screen, overwrite).outcome)
 
 
 @app.command()
@@ -274,27 +258,7 @@ def fit(
 
         folder = _folder(output, f"{Path(curves[0]).stem}_fit")
         record, _ = run_fit(curves_of(curves), folder, screen, free or [], material_file, assignments or [], overwrite)
-        _exit(record.outcome)
-
-
-@app.command()
-def cost(
-    study: Annotated[Optional[str], typer.Argument(metavar="[STUDY]", help="One study; all if not given.")] = None,  # noqa: UP045
-    output: Annotated[
-        Path,
-        typer.Option("-o", "--output", metavar="DIR", help="Result folder; studies in it that are not asked for stay."),
-    ] = Path("results/cost"),
-    quick: Annotated[bool, typer.Option("--quick", help="Few and small settings, for a first impression.")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Skip studies that have finished in DIR.")] = False,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
-    verbose: VerboseOption = False,
-) -> None:
-    """Measure what accuracy costs in time: tables, work-precision pictures, one page."""
-    with _speaking(quiet, verbose) as screen:
-        from .cost import run_cost
-
-        _exit(run_cost(study, output, screen, quick, resume, overwrite).outcome)
+        exit_by(record.outcome)
 
 
 @app.command()
@@ -419,12 +383,16 @@ def plot(
 ) -> None:
     """Make the pictures of a run from its files."""
     from granfabric.cases.pictures.draw import draw_folder
+    from granfabric.cases.sweep.pictures import draw_sweep_folder
 
-    for file in draw_folder(directory):
+    for file in draw_sweep_folder(directory) or draw_folder(directory):
         typer.echo(str(file))
 
 
-from . import cli_measure as cli_measure  # noqa: E402  (takes what stands above, and adds its command)
+from . import cli_many as cli_many  # noqa: E402  (they take what stands above, and add their commands)
+from . import cli_measure as cli_measure  # noqa: E402
+
+add_to(app)
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from granfabric.cases.errors import unknown
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.fem.mesh.host_mesh import HostMesh
 
-BOUNDARY_LOADS = ("fixed", "displacement", "pressure", "traction", "closed_form")
+BOUNDARY_LOADS = ("fixed", "displacement", "pressure", "traction", "closed_form", "rigid", "spring")
 
 
 def _named(scene: Any) -> Iterator[tuple[list[Any], str, str]]:
@@ -24,12 +24,18 @@ def _named(scene: Any) -> Iterator[tuple[list[Any], str, str]]:
         for number, load in enumerate(stage.body_force):
             if load.region is not None:
                 yield ["stage", place, "body_force", number, "region"], "region", load.region
+        for key in ("deactivate", "activate"):
+            for number, name in enumerate(getattr(stage, key)):
+                yield ["stage", place, key, number], "region", name
+    if isinstance(scene.initial.k0, dict):
+        for name in scene.initial.k0:
+            yield ["initial", "k0", name], "region", name
     for name, material in scene.materials.items():
         yield ["materials", name, "region"], "region", material.region
 
 
 def _owner(keys: list[Any]) -> list[Any]:
-    """Where a group is named: the load, which is counted; of materials the key."""
+    """Where a group is named: the load, which is counted, or the list; of materials the key."""
     return keys if keys[0] == "materials" else keys[:-1]
 
 
@@ -55,7 +61,7 @@ def check_groups(loaded: LoadedScene, mesh: HostMesh) -> None:
 def named_boundaries(scene: Any) -> tuple[list[str], list[str]]:
     """Boundaries that carry loads or supports, and those of them that are supported, in order of appearance."""
     named = [(keys[2], name) for keys, what, name in _named(scene) if what == "boundary"]
-    supported = [name for kind, name in named if kind in ("fixed", "displacement")]
+    supported = [name for kind, name in named if kind in ("fixed", "displacement", "rigid")]
     return list(dict.fromkeys(name for _, name in named)), list(dict.fromkeys(supported))
 
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from granfabric.cases.scene import build
 from granfabric.cases.scene.effects_choice import resolve_effects
 from granfabric.cases.scene.reader import LoadedScene
@@ -12,49 +15,20 @@ from granfabric.cases.scene.schema_mesh import SHAPES
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.control import ControlError, StepControl
 from granfabric.fem.linear_solvers.direct import LinearSolverError, make_solver
-from granfabric.fem.loads.kinds import BodyForce, Displacement, Fixed, FixedPoint, LoadError, Pressure, Stage, Traction
+from granfabric.fem.loads.checks import LoadError
 from granfabric.fem.loads.problem import Problem
 from granfabric.fem.mesh.host_mesh import HostMesh, MeshError, read_mesh, rectangle
 from granfabric.fem.mesh.shapes import plate_with_hole, quarter_ring
 
-from . import closed_forms, initial_state, memory
+from . import initial_state, memory
 from .groups import check_groups, material_index, named_boundaries
-
-
-def _linear(value: float, gradient: list[float]) -> Any:
-    """A number, or a function of place that rises from it at the origin."""
-    if not any(gradient):
-        return value
-    return lambda x, y: value + gradient[0] * x + gradient[1] * y
-
+from .probes import probe_places
+from .stage_loads import stages
 
 POINTS = {"P1": 1, "P2": 3, "Q1": 4, "Q2": 9}
 """Integration points of an element."""
 BYTES_PER_POINT = 600
 """Stress, strain, state and tangent of a point at the start and the end of a step; the matrix comes on top."""
-
-
-def stages(scene: Any) -> list[Stage]:
-    """Stages of a field scene with their loads."""
-    made = []
-    for part in scene.stage:
-        loads: list[Any] = [Fixed(load.boundary, tuple(load.components)) for load in part.fixed]
-        loads += [FixedPoint((load.point[0], load.point[1]), tuple(load.components)) for load in part.fixed_point]
-        loads += [
-            Displacement(load.boundary, load.component, _linear(load.value, load.gradient))
-            for load in part.displacement
-        ]
-        loads += [Pressure(load.boundary, _linear(load.value, load.gradient)) for load in part.pressure]
-        loads += [Traction(load.boundary, (load.value[0], load.value[1])) for load in part.traction]
-        loads += [
-            Traction(
-                load.boundary, closed_forms.traction(scene.closed_form, load.factor), "traction of the closed form"
-            )
-            for load in part.closed_form
-        ]
-        loads += [BodyForce((load.value[0], load.value[1]), load.region) for load in part.body_force]
-        made.append(Stage(part.name, loads, part.increments, part.keep))
-    return made
 
 
 def read_or_make_mesh(loaded: LoadedScene) -> HostMesh:
@@ -78,7 +52,10 @@ def read_or_make_mesh(loaded: LoadedScene) -> HostMesh:
         if part.name in made.boundaries:
             raise loaded.error(keys, f"{loaded.label(keys)}: the mesh has a boundary {part.name!r} already")
         try:
-            made.boundaries[part.name] = made.facets_between(part.boundary, part.x, part.y)
+            if part.snap:
+                made.boundaries[part.name] = made.facets_near(part.boundary, part.x, part.y)[0]
+            else:
+                made.boundaries[part.name] = made.facets_between(part.boundary, part.x, part.y)
         except MeshError as error:
             raise loaded.error(keys, f"{loaded.label(keys)}: {error}") from error
     return made
@@ -116,6 +93,7 @@ class Prepared:
     boundaries: list[str]
     supported: list[str]
     effects: Any
+    probes: dict[str, NDArray[np.float64]]
 
 
 def _of_stage(loaded: LoadedScene, text: str) -> str:
@@ -146,15 +124,18 @@ def prepare(loaded: LoadedScene) -> Prepared:
     except MeshError as error:
         raise loaded.error(["mesh"], f"mesh: {error}") from error
     point_index = None if index is None else index[space.point_cell]
-    stress = initial_state.stress(loaded, space.points)
     try:
+        program = stages(scene)
+        effective = initial_state.stress(loaded, space, program, law)
+        initial_state.refuse_beyond_law(loaded, law, effective, point_index)
+        stress, state = initial_state.with_water(loaded, law, space, program, effective, point_index)
         problem = Problem(
             space,
             law,
-            stages(scene),
+            program,
             initial_stress=stress,
             material_index=point_index,
-            initial_state=initial_state.random_state(loaded, law, space.points, stress, point_index),
+            initial_state=state,
             balance_initial_stress=scene.initial.balance,
         )
     except (LoadError, MeshError) as error:
@@ -167,4 +148,4 @@ def prepare(loaded: LoadedScene) -> Prepared:
         make_solver(control.linear_solver)
     except LinearSolverError as error:
         raise loaded.error(["solver"], f"solver.linear_solver: {error}") from error
-    return Prepared(problem, control, *named_boundaries(scene), effects)
+    return Prepared(problem, control, *named_boundaries(scene), effects, probe_places(loaded, space))

@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from granfabric.cases.records import series
 
@@ -42,7 +44,7 @@ def draw_field(folder: Path, columns: dict[str, NDArray[Any]], scene: dict[str, 
         return [path]
     first = series.first_file(folder, "result")
     last, cloud = series.read(fields), series.read(points)
-    start = last if first is None else series.read(first)
+    start = last if first is None else _beginning(folder, last, series.read(first))
     maps = chosen_maps(list(output.get("maps", [])), last)
     above = is_wide(last)
     rows, across = (len(maps), 1) if above else (1, len(maps))
@@ -57,6 +59,24 @@ def draw_field(folder: Path, columns: dict[str, NDArray[Any]], scene: dict[str, 
         title = f"{scene['title']} (step {step}, stage {stage})"
         figure.suptitle(title, x=0.01, ha="left", fontsize=13, parse_math=False)
     return [path]
+
+
+def _beginning(folder: Path, last: Any, first: Any) -> Any:
+    """Fields of the nodes of the last file as each of them began: in the first file that has it."""
+    if len(first.points) == len(last.points) and np.array_equal(first.points, last.points):
+        return first
+    begun = {name: np.full_like(values, np.nan) for name, values in last.point_data.items()}
+    missing = np.arange(len(last.points))
+    for file in series.steps(folder, "result").values():
+        content = series.read(file)
+        distance, found = cKDTree(content.points).query(last.points[missing])
+        there = distance == 0.0
+        for name, values in begun.items():
+            values[missing[there]] = content.point_data[name][found[there]]
+        missing = missing[~there]
+        if not len(missing):
+            break
+    return meshio.Mesh(last.points, last.cells, point_data=begun)
 
 
 def _abscissa(columns: dict[str, NDArray[Any]], scene: dict[str, Any]) -> tuple[Array, str]:
@@ -82,7 +102,8 @@ def _curves(above: Any, below: Any, columns: dict[str, NDArray[Any]], scene: dic
         above.plot(x, y, color=BLACK, **marker)
         above.set(xlabel=x_label, ylabel=y_label, title="Response")
     else:
-        above.plot(place, columns["q"] / columns["p"], color=BLACK, label="of the mean stress", **marker)
+        carried = columns.get("effective_p", columns["p"])
+        above.plot(place, columns["q"] / carried, color=BLACK, label="of the mean stress", **marker)
         above.plot(place, columns["stress_ratio_largest"], color=RED, linestyle="--", label="largest of all points")
         above.set(xlabel=label, ylabel="stress ratio $q/p$ [-]", title="Stress ratio")
         above.legend()
@@ -101,14 +122,31 @@ UNITS = {
     "reaction": (1e-3, "kN/m"),
     "stress": (1e-3, "kPa"),
     "p": (1e-3, "kPa"),
+    "pore": (1e-3, "kPa"),
+    "effective": (1e-3, "kPa"),
     "q": (1e-3, "kPa"),
     "strain": (1e6, "$10^{-6}$"),
 }
+UNITS_OF_A_BODY = {
+    "displacement_x": UNITS["displacement"],
+    "displacement_y": UNITS["displacement"],
+    "rotation": (1e6, "$10^{-6}$ rad"),
+    "force_x": (1e-3, "kN/m"),
+    "force_y": (1e-3, "kN/m"),
+    "moment": (1e-3, "kN m/m"),
+}
+"""Columns of a rigid body, `rigid_NAME_...`."""
 
 
 def _named(name: str, values: Array) -> tuple[Array, str]:
     """A column of the history in handy units, mostly positive, with its label."""
     head, _, rest = name.partition("_")
+    if head == "rigid":
+        what = next(what for what in UNITS_OF_A_BODY if rest.endswith(f"_{what}"))
+        factor, unit = UNITS_OF_A_BODY[what]
+        sign = -1.0 if values[np.argmax(np.abs(values))] < 0 else 1.0
+        words = f"{what.replace('_', ' ')} of {rest.removesuffix(f'_{what}')}"
+        return sign * factor * values, f"{'minus ' if sign < 0 else ''}{words} [{unit}]"
     # a ratio of stresses has no unit
     factor, unit = UNITS.get(head if not rest.startswith("ratio") else name, (1.0, "-"))
     sign = -1.0 if values[np.argmax(np.abs(values))] < 0 else 1.0

@@ -28,8 +28,10 @@ CHECKPOINT = "checkpoint.npz"
 MATERIAL = "material.toml"
 FAILED_POINT = "failed_point.toml"
 OF_DATA = ("fit.csv", "fit.png", "data.csv", "data.png")
+OF_SWEEP = ("index.csv", "results.csv", "results.png", "scatter.csv")
 PICTURES = (
-    *("overview.png", "microvariables.png", "fabric_decomposition.png", "packing.png", "distributions.png"),
+    *("overview.png", "microvariables.png", "fabric_decomposition.png", "stress_strain.png", "packing.png"),
+    "distributions.png",
     *("closed_form.png", "convergence.png", "map.png", *(f"figure_{number}.png" for number in range(1, 7))),
 )
 TABLES = (
@@ -42,11 +44,21 @@ OWN_FILES = (
     *(RECORD, HISTORY, LOG, SCENE, FAILED_POINT, PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
     *(MATERIAL, COMPARISON, MESH_ERROR, *TABLES, *(f"{name}.pvd" for name in SERIES), *PICTURES),
     *OF_DATA,
+    *OF_SWEEP,
 )
 CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
 OF_MAP = ("map_*.png", "material_*.toml")
 """A figure for each path of a map, measured inputs of each of its materials."""
-OWN_PATTERNS = (".granfabric-*", ".result*", ".points*", *CHECKPOINTS, *OF_MAP, *(f"{name}_*.vtu" for name in SERIES))
+PROBES = "probe_*.csv"
+OTHER_FORMATS = tuple(
+    f"{name[:-4]}.{kind}" for name in (*PICTURES, *OF_DATA) if name.endswith(".png") for kind in ("pdf", "svg")
+)
+"""The same pictures as `--format` asks for."""
+OWN_PATTERNS = (
+    *(*OTHER_FORMATS, "map_*.pdf", "map_*.svg"),
+    *(PROBES, ".granfabric-*", ".result*", ".points*"),
+    *(*CHECKPOINTS, *OF_MAP, *(f"{name}_*.vtu" for name in SERIES)),
+)
 """What a run writes; only these are removed when a result folder is used again. Not among them: what `cost` and
 `verify` keep of the DEM in `dem`, to be used again, and the studies of `cost`, whose folders nothing else replaces."""
 

@@ -11,8 +11,9 @@ from typing import Any
 
 from granfabric.cases.errors import InputError
 from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.parameters import Closure
 
-from . import accuracy
+from . import accuracy, pore_fluid
 from .reader import LoadedScene
 
 AUTO = "auto"
@@ -20,18 +21,21 @@ MEMORY = "force_change"
 """Name under which the closure's memory of weak forces is decided, next to the effects."""
 WITH_MEMORY, WITHOUT_MEMORY = "shifted_distribution", "mean_field"
 SLIDING, SPREAD, FEEDBACK = "sliding", "irreversible_spread", "stiffness_feedback"
+SLIP_MEMORY = "tangential_memory"
 PEAK = "peak_stress_ratio"
 """Parameter of a material without which sliding means nothing."""
+FLUID, BULK = pore_fluid.EFFECT, pore_fluid.BULK
 TOLERANCE = 1e-2
 """Error that may be left out if a scene says nothing."""
 
 
 @dataclass(frozen=True)
 class EffectSet:
-    """Effects that are on, and the closure's `force_change`."""
+    """Effects that are on, the closure's `force_change`, and whether with memory of weak forces contacts slip."""
 
     effects: Effects
     force_change: str
+    slips: bool = True
 
     def has(self, name: str) -> bool:
         """Whether an effect, or the memory of weak forces, is on."""
@@ -46,11 +50,12 @@ class EffectSet:
         return made.completed()
 
     def completed(self) -> EffectSet:
-        """Without what cannot act: an irreversible spread of weak forces that nothing follows."""
-        idle = self.force_change != WITH_MEMORY or not self.effects.network_changes
-        if idle and SPREAD in Effects.names() and self.has(SPREAD):
-            return replace(self, effects=replace(self.effects, **{SPREAD: False}))
-        return self
+        """Without what cannot act: an irreversible spread of weak forces that nothing follows, a memory of slip that
+        there is none of."""
+        followed = self.force_change == WITH_MEMORY and self.effects.network_changes
+        idle = [name for name, acts in ((SPREAD, followed), (SLIP_MEMORY, followed and self.slips)) if not acts]
+        off = {name: False for name in idle if self.has(name)}
+        return replace(self, effects=replace(self.effects, **off)) if off else self
 
     def names(self) -> list[str]:
         """Everything that is on."""
@@ -66,7 +71,8 @@ def asked(scene: Any, name: str) -> bool | str:
     """What a scene says about an effect or the memory: True, False or "auto"."""
     if name != MEMORY:
         said: bool | str = getattr(scene.effects, name)
-        return said
+        # a scene that gives a pore pressure asks for what carries it
+        return said if name != FLUID or said is False else pore_fluid.is_given(scene) or said
     said = scene.closure.force_change
     return said if said == AUTO else said == WITH_MEMORY
 
@@ -94,14 +100,26 @@ def sliding_is_possible(scene: Any) -> bool:
     )
 
 
+def contacts_slip(scene: Any) -> bool:
+    """Whether tangential forces are followed up to a limit, if the closure follows weak forces."""
+    return Closure(**{**scene.closure.model_dump(), MEMORY: WITH_MEMORY}).slips
+
+
+def is_possible(scene: Any, name: str) -> bool:
+    """Whether the scene gives the parameters without which an effect, or the memory, means nothing."""
+    if name == SLIDING:
+        return sliding_is_possible(scene)
+    return name != FLUID or any(pore_fluid.has_fluid(section) for section in material_sections(scene).values())
+
+
 def everything(scene: Any) -> EffectSet:
-    """All that a scene does not rule out: "auto" is on, but sliding only with parameters of its own."""
+    """All that a scene does not rule out: "auto" is on, but what needs parameters of its own only with them."""
     values = {}
     for name in Effects.names():
         said = asked(scene, name)
-        values[name] = said if isinstance(said, bool) else name != SLIDING or sliding_is_possible(scene)
+        values[name] = said if isinstance(said, bool) else is_possible(scene, name)
     change = scene.closure.force_change
-    made = EffectSet(Effects(**values), WITH_MEMORY if change == AUTO else change)
+    made = EffectSet(Effects(**values), WITH_MEMORY if change == AUTO else change, contacts_slip(scene))
     return made.completed()
 
 
@@ -119,24 +137,49 @@ def check(loaded: LoadedScene) -> None:
     """
     scene = loaded.scene
     network = [asked(scene, name) for name in ("contact_loss", "contact_gain")]
-    if SPREAD in Effects.names() and asked(scene, SPREAD) is True:
+    for name, lacking in (
+        (SPREAD, "which follows no distribution of weak forces that could spread"),
+        (SLIP_MEMORY, "which does not tell when contacts slip"),
+    ):
+        if asked(scene, name) is not True:
+            continue
         if asked(scene, MEMORY) is False:
             raise loaded.error(
-                ["effects", SPREAD],
-                f"effects.{SPREAD} = true needs closure.force_change = {WITH_MEMORY!r}, not "
-                f"{scene.closure.force_change!r}, which follows no distribution of weak forces that could spread",
+                ["effects", name],
+                f"effects.{name} = true needs closure.force_change = {WITH_MEMORY!r}, not "
+                f"{scene.closure.force_change!r}, {lacking}",
             )
         if network == [False, False]:
             raise loaded.error(
-                ["effects", SPREAD],
-                f"effects.{SPREAD} = true has nothing to act on with contact_loss = false and contact_gain = false",
+                ["effects", name],
+                f"effects.{name} = true has nothing to act on with contact_loss = false and contact_gain = false",
             )
+    if asked(scene, SLIP_MEMORY) is True and not contacts_slip(scene):
+        raise loaded.error(
+            ["effects", SLIP_MEMORY],
+            f"effects.{SLIP_MEMORY} = true needs contacts that slip: closure.tangential = 'frictional' with "
+            "tangential_force_ratio and slip above 0",
+        )
     if SLIDING in Effects.names() and asked(scene, SLIDING) is True and not sliding_is_possible(scene):
         place = next(key for key, part in material_sections(scene).items() if PEAK not in part.model_fields_set)
         raise loaded.error(
             ["effects", SLIDING],
             f"effects.{SLIDING} = true needs {place}.{PEAK}, which is not given (and should be looked at together with "
             "the other parameters of sliding)",
+        )
+    if asked(scene, FLUID) is True and not is_possible(scene, FLUID):
+        pressure = pore_fluid.is_given(scene) and scene.effects.pore_fluid == AUTO
+        what = "initial: a pore pressure" if pressure else f"effects.{FLUID} = true"
+        places = ", ".join(f"{key}.{BULK}" for key in material_sections(scene))
+        raise loaded.error(
+            ["initial"] if pressure else ["effects", FLUID],
+            f"{what} needs the bulk modulus of what fills the pores, {places} [Pa] (2.2e9 for water); none is given",
+        )
+    if asked(scene, FLUID) is False and pore_fluid.is_given(scene):
+        raise loaded.error(
+            ["effects", FLUID],
+            f"effects.{FLUID} = false leaves nothing that carries the pore pressure of [initial]: turn it on (a stage "
+            "with drained = true keeps pore pressures as they are), or give no pore pressure",
         )
 
 
@@ -174,4 +217,4 @@ def recorded(scene: Any, record: dict[str, Any]) -> EffectSet:
         raise InputError(
             f"--resume: the record of the run does not tell what was decided about {error} (start anew without it)"
         ) from None
-    return EffectSet(Effects(**values), change)
+    return EffectSet(Effects(**values), change, said.slips)

@@ -8,16 +8,19 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granfabric.fem.accounting import Accounting
 from granfabric.fem.loads.problem import Problem
 from granfabric.fem.vectors import Array
 
+from .changing_body import restore_body
 from .checkpoint import Checkpoint, SolverMemory
 from .control import ControlError, StepControl
 from .initial import boundary_sums, named_nodes
 from .residual import Equilibrium
 from .results import FailedPoint, RunSummary, StageStart, StepResult
+from .tied_results import rigid_bodies, spring_forces, support_forces
 
 logger = logging.getLogger(__name__)
 
@@ -58,9 +61,15 @@ class Run:
         self._on_checkpoint = on_checkpoint
         self._accounting = Accounting(clock=clock)
         with self._accounting.phase("setup"):
-            self._system = Equilibrium(problem, control, self._accounting)
-            self._nodes = named_nodes(problem.space)
+            self._system = self._make_system()
+            self._nodes = self._make_nodes()
         self._failed_point: FailedPoint | None = None
+
+    def _make_system(self) -> Equilibrium:
+        return Equilibrium(self._problem, self._control, self._accounting)
+
+    def _make_nodes(self) -> dict[str, NDArray[np.int64]]:
+        return named_nodes(self._problem.space)
 
     def execute(self, resume: StepResult | None, memory: SolverMemory | None) -> RunSummary:
         """Run all stages, or what is left of them; see `granfabric.fem.equilibrium.stepping.solve`."""
@@ -80,7 +89,12 @@ class Run:
             self._accounting.counters(),
             dict(self._accounting.seconds),
             self._failed_point,
+            self._band_fraction(finished),
         )
+
+    def _band_fraction(self, finished: bool) -> float:
+        """Where the last tangents let shear bands form; none where no tangent is used."""
+        return 0.0
 
     def _restore(self, resume: StepResult) -> int:
         """Take the fields of a step over; index of its stage.
@@ -90,21 +104,40 @@ class Run:
         ControlError
             If it does not belong to this problem.
         """
+        index = self._stage_of(resume)
+        system, space = self._system, self._problem.space
+        for name, shape, given in (
+            ("displacement", (space.ndofs,), resume.displacement),
+            ("stress", (space.npoints, 3), resume.stress),
+            ("strain", (space.npoints, 3), resume.strain),
+            ("state", (space.npoints, self._problem.law.description.nstate), resume.state),
+        ):
+            if np.shape(given) != shape:
+                raise ControlError(
+                    f"the step to go on from has a {name} of shape {np.shape(given)}, this problem {shape}"
+                )
+        restore_body(system, self._problem, index)
+        material = system.material
+        for ours, values in (
+            (material.stress_start, resume.stress),
+            (material.strain_start, resume.strain),
+            (material.state_start, resume.state),
+        ):
+            ours[:] = values if system.part is None else values[system.part.points]
+        system.displacement[:] = resume.displacement
+        return index
+
+    def _stage_of(self, resume: StepResult) -> int:
+        """Index of the stage of a step.
+
+        Raises
+        ------
+        ControlError
+            If this problem has no such stage.
+        """
         names = [stage.name for stage in self._problem.stages]
-        system, material = self._system, self._system.material
         if resume.stage not in names:
             raise ControlError(f"the step to go on from belongs to stage {resume.stage!r}, not one of {names}")
-        for name, ours, given in (
-            ("displacement", system.displacement, resume.displacement),
-            ("stress", material.stress_start, resume.stress),
-            ("strain", material.strain_start, resume.strain),
-            ("state", material.state_start, resume.state),
-        ):
-            if ours.shape != np.shape(given):
-                raise ControlError(
-                    f"the step to go on from has a {name} of shape {np.shape(given)}, this problem {ours.shape}"
-                )
-            ours[:] = given
         return names.index(resume.stage)
 
     def _note_failure(self, point: int, message: str) -> None:
@@ -112,15 +145,16 @@ class Run:
         if point < 0:
             self._failed_point = None
             return
-        material = self._system.material
+        material, part = self._system.material, self._system.part
         x, y = self._problem.space.points[point]
-        index = 0 if material.material_index is None else int(material.material_index[point])
+        row = point if part is None else int(np.searchsorted(part.points, point))
+        index = 0 if material.material_index is None else int(material.material_index[row])
         self._failed_point = FailedPoint(
             point,
             (float(x), float(y)),
-            material.stress_start[point].copy(),
-            material.last_increment[point].copy(),
-            material.state_start[point].copy(),
+            material.stress_start[row].copy(),
+            material.last_increment[row].copy(),
+            material.state_start[row].copy(),
             index,
             message,
         )
@@ -147,11 +181,14 @@ class Run:
         external: Array,
         counts: StepCounts,
         next_increment: float,
+        load_factor: float,
     ) -> StepResult:
         system, material = self._system, self._system.material
         terms = self._problem.program.terms[index]
-        support = np.zeros(system.space.ndofs)
-        support[terms.constrained] = (system.internal_force - external)[terms.constrained]
+        support = support_forces(terms, system.internal_force, external)
+        whole = index == 0 and self._problem.starts_loaded
+        program = self._problem.program
+        bodies = rigid_bodies(program, index, displacement, support, 1.0 if whole else fraction, load_factor, start)
         report = material.committed_report
         assert report is not None
         return StepResult(
@@ -160,10 +197,10 @@ class Run:
             fraction,
             displacement.copy(),
             boundary_sums(self._nodes, support),
-            material.stress_start.copy(),
-            material.strain_start.copy(),
-            material.state_start.copy(),
-            report.status.copy(),
+            system.of_space(material.stress_start),
+            system.of_space(material.strain_start),
+            system.of_space(material.state_start),
+            system.of_space(report.status),
             counts.iterations,
             counts.factorisations,
             counts.cuts,
@@ -172,4 +209,9 @@ class Run:
             report.limited,
             next_increment,
             start,
+            load_factor,
+            bodies,
+            spring_forces(program, index, displacement, start),
+            None if terms.body is None else terms.body.active,
+            support,
         )

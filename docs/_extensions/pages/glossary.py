@@ -14,6 +14,8 @@ from .project import (
     LEADING,
     MEANS,
     POINT_COLUMNS,
+    PORE,
+    PORE_COLUMNS,
     SLIDING_COLUMNS,
     Effects,
     Material,
@@ -32,7 +34,7 @@ def everything_on() -> Effects:
 
 def all_state_variables() -> tuple[Variable, ...]:
     """State variables of any contact law; the reference state, which a law keeps for some choices only, included."""
-    return state_variables(everything_on(), shifted=True)
+    return state_variables(everything_on(), shifted=True, remembering=True)
 
 
 def declared() -> dict[str, Variable]:
@@ -42,7 +44,11 @@ def declared() -> dict[str, Variable]:
 
 def columns() -> dict[str, tuple[str, ...]]:
     """Columns of histories with fixed names, by kind of run."""
-    return {"point": (*POINT_COLUMNS, *SLIDING_COLUMNS), "field": (*LEADING, *MEANS, *COUNTS), "dem": DEM_COLUMNS}
+    return {
+        "point": (*POINT_COLUMNS, *SLIDING_COLUMNS, *PORE_COLUMNS),
+        "field": (*LEADING, *MEANS, *PORE, *COUNTS),
+        "dem": DEM_COLUMNS,
+    }
 
 
 def sections() -> list[dict]:
