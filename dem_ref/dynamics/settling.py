@@ -29,7 +29,7 @@ since integration heats the fastest modes; twice or four times as much takes two
 CELL_MASS = 0.5
 """Of the cell, over that of all disks."""
 FIRST_SKIN, LEAST_SKIN, LARGEST_SKIN = 0.1, 0.02, 0.4
-HOT, HEATED, LARGEST_DRAG = 0.3, 2000, 0.1
+HOT, HEATED, LARGEST_DRAG = 1.0, 2000, 0.1
 """Unbalanced force above which, every so many steps, the drag is doubled: impacts of disks with six contacts each feed
 the fastest modes, so that equal disks in rows would never come to rest. Packings without order stay below."""
 STEPS = 200
