@@ -1,0 +1,229 @@
+"""A packing of disks at every integration point, driven by the strain of the point: FEM x DEM."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from granfabric.constitutive.arrays import ArrayError, UpdateArrays, stress_and_index, update_arrays
+from granfabric.constitutive.contract import Array, LawDescription, Status, TangentKind, UpdateReport, Variable
+from granfabric.dem_ref.dynamics.motion import UnstableMotionError
+from granfabric.dem_ref.measures.contacts import (
+    contacts_of,
+    coordination_number,
+    fabric_anisotropy,
+    force_harmonics,
+    love_weber_stress,
+    sliding_fraction,
+)
+from granfabric.dem_ref.sample.disks import Sample
+
+from . import packing_columns
+from .drive import Pace, drive
+from .network_stiffness import network_stiffness
+
+LOST_PRESSURE = 1e-2
+"""Of the pressure that a packing was made with: below, it carries nothing (its unbalanced force is zero then too)."""
+KEPT = 4096
+"""Stiffnesses of start states that are remembered."""
+
+MEASURED = (
+    Variable("coordination", "contacts per particle, all particles counted", lower=0.0, upper=6.0),
+    Variable("fabric_anisotropy", "fabric anisotropy of the contact normals", components=2),
+    Variable("normal_force_anisotropy", "anisotropy of the mean normal force", components=2),
+    Variable("tangential_force_anisotropy", "anisotropy of the mean tangential force", components=2),
+    Variable("mean_normal_force", "mean normal force over directions", "N/m", lower=0.0),
+    Variable("sliding_fraction", "fraction of contacts at Coulomb's limit", lower=0.0, upper=1.0),
+    Variable("motion_steps", "steps of the motion so far", lower=0.0),
+)
+MEASURES = sum(variable.components for variable in MEASURED)
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a point has cost: steps of the motion in the last call, over all points."""
+
+    steps: int = 0
+
+
+class GrainsLaw:
+    """Every point has a packing of its own; points begin as the given packings in turn.
+
+    The answer depends on the arguments alone: from the packing of the start row, the strain increment is applied in steps
+    of at most `Pace.strain_step` and held until the packing is at rest. Stresses are counted from those of the packings
+    at rest under the initial stress, so that a packing's small imbalance does not enter.
+
+    Parameters
+    ----------
+    packings : sequence of Sample
+        At rest, all of the same number of disks.
+    pace : Pace, optional
+    secant : bool
+        Correct the stiffness of the network by what the increment showed (Broyden 1965), instead of taking it as the
+        tangent.
+    threads : int, optional
+        Points at work side by side, as many as numba may use if not given; the same bits for any number.
+
+    Raises
+    ------
+    ArrayError
+        Without packings, or if their numbers of disks differ.
+    """
+
+    def __init__(
+        self, packings: Sequence[Sample], pace: Pace | None = None, secant: bool = True, threads: int | None = None
+    ) -> None:
+        self._packings = [packing.copy() for packing in packings]
+        counts = {packing.count for packing in self._packings}
+        if len(counts) != 1:
+            raise ArrayError(f"packings at points need the same number of disks, these have {sorted(counts)}")
+        self.disks = counts.pop()
+        self.pace = pace or Pace()
+        self._secant = secant
+        self._threads = threads
+        self._stiffness: dict[bytes, Array] = {}
+        self._lock = threading.Lock()
+        self._pressure = [-0.5 * float(love_weber_stress(p)[:2].sum()) for p in self._packings]
+        hidden = Variable("packing", "the packing itself", "m", packing_columns.width(self.disks), hidden=True)
+        self._description = LawDescription("grains", (*MEASURED, hidden), ())
+        self.work = Work()
+
+    @property
+    def description(self) -> LawDescription:
+        """The law as data."""
+        return self._description
+
+    def initial_state(self, stress: Array, material_index: NDArray[np.int32] | None = None) -> Array:
+        """Packings under a stress: those given, point i beginning as packing i modulo their number.
+
+        Parameters
+        ----------
+        stress : ndarray, shape (npt, 3)
+            That of the packings within a thousandth of the pressure, see `granfabric.cases.grains.initial`.
+
+        Raises
+        ------
+        ArrayError
+            If it is another.
+        """
+        stress, _ = stress_and_index(stress, material_index, 1)
+        state = np.zeros((len(stress), self._description.nstate))
+        for point, wanted in enumerate(stress):
+            number = point % len(self._packings)
+            sample = self._packings[number]
+            found, pressure = love_weber_stress(sample), self._pressure[number]
+            if np.abs(found - wanted).max() > 1e-3 * pressure:
+                raise ArrayError(
+                    f"point {point}: its packing carries {np.round(found, 1).tolist()} Pa, not the initial stress "
+                    f"{np.round(wanted, 1).tolist()} Pa"
+                )
+            self._write(sample, number, 0, state[point])
+        return state
+
+    def _write(self, sample: Sample, number: int, steps: int, row: Array) -> None:
+        contacts = contacts_of(sample)
+        forces = force_harmonics(contacts)
+        measured = [
+            coordination_number(sample, contacts).all_particles,
+            *fabric_anisotropy(contacts),
+            *forces.normal,
+            *forces.tangential,
+            forces.mean,
+            sliding_fraction(sample, contacts),
+            float(steps),
+        ]
+        row[:MEASURES] = measured
+        packing_columns.write(sample, number, row[MEASURES:])
+
+    def update(
+        self,
+        strain_increment: Array,
+        stress_start: Array,
+        state_start: Array,
+        stress_end: Array,
+        state_end: Array,
+        tangent: Array | None = None,
+        tangent_kind: TangentKind = "propagated",
+        material_index: NDArray[np.int32] | None = None,
+    ) -> UpdateReport:
+        """Advance all points; see `granfabric.constitutive.contract.Law.update`.
+
+        The tangent is the stiffness of the network of the start state ("elastic"), corrected so that it gives the stress
+        increment of this very strain increment (else).
+        """
+        arrays = update_arrays(
+            (self._description.nstate, 1), strain_increment, stress_start, state_start, stress_end, state_end, tangent,
+            tangent_kind, material_index,
+        )  # fmt: skip
+        npoints = len(arrays.increment)
+        status = np.zeros(npoints, dtype=np.int8)
+        steps = np.zeros(npoints, dtype=np.int64)
+
+        def one(point: int) -> None:
+            status[point], steps[point] = self._advance(point, arrays, tangent_kind)
+
+        threads = self._threads or numba.get_num_threads()
+        if threads > 1 and npoints > 1:
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(one, range(npoints)))
+        else:
+            for point in range(npoints):
+                one(point)
+        self.work = replace(self.work, steps=int(steps.sum()))
+        ones = np.ones(npoints, dtype=np.int32)
+        failed = bool((status > Status.LIMITED).any())
+        return UpdateReport(status, ones, np.zeros_like(ones), 0.5 if failed else 1.0)
+
+    def _advance(self, point: int, arrays: UpdateArrays, kind: TangentKind) -> tuple[int, int]:
+        """One point: its status and the steps that it took."""
+        increment, start = arrays.increment[point], arrays.state_start[point]
+        stress_start, stress_end, state_end = (
+            arrays.stress_start[point], arrays.stress_end[point], arrays.state_end[point]
+        )  # fmt: skip
+        stress_end[:], state_end[:] = stress_start, start
+        wanted = len(arrays.tangent) > 0
+        network = np.zeros((3, 3))
+        if wanted:
+            network = self._network(start)
+            arrays.tangent[point] = network
+        if not (np.isfinite(increment).all() and np.isfinite(start).all() and np.isfinite(stress_start).all()):
+            return Status.NOT_FINITE, 0
+        if not increment.any():
+            return Status.OK, 0
+        sample = packing_columns.read(start[MEASURES:], self._packings)
+        before = love_weber_stress(sample)
+        try:
+            driven = drive(sample, increment, self.pace)
+        except UnstableMotionError:
+            return Status.NOT_FINITE, 0
+        number = int(start[MEASURES])
+        if not driven.at_rest:
+            return Status.NOT_CONVERGED, driven.steps
+        if not -0.5 * float(driven.stress[:2].sum()) > LOST_PRESSURE * self._pressure[number]:
+            return Status.NO_PRESSURE, driven.steps
+        change = driven.stress - before
+        self._write(sample, number, int(start[MEASURES - 1]) + driven.steps, state_end)
+        stress_end[:] = stress_start + change
+        if wanted and self._secant and kind != "elastic":
+            arrays.tangent[point] = network + np.outer(change - network @ increment, increment) / (increment @ increment)
+        return Status.OK, driven.steps
+
+    def _network(self, start: Array) -> Array:
+        """Stiffness of a start state, remembered because it is asked for at every iterate of a load step."""
+        key = hashlib.blake2b(start.tobytes(), digest_size=16).digest()
+        with self._lock:
+            known = self._stiffness.get(key)
+        if known is None:
+            known = network_stiffness(packing_columns.read(start[MEASURES:], self._packings))
+            with self._lock:
+                if len(self._stiffness) >= KEPT:
+                    self._stiffness.clear()
+                self._stiffness[key] = known
+        return known
