@@ -13,6 +13,7 @@ from .constitutive.plain_laws.linear_elastic import ElasticMaterial as ElasticMa
 from .constitutive.plain_laws.linear_elastic import LinearElasticLaw as LinearElasticLaw
 from .constitutive.plain_laws.von_mises import VonMisesLaw as VonMisesLaw
 from .constitutive.plain_laws.von_mises import VonMisesMaterial as VonMisesMaterial
+from .constitutive.pore_fluid import PoreFluidLaw as PoreFluidLaw
 from .dem_ref.dynamics.packing import PackingError as PackingError
 from .dem_ref.dynamics.packing import PackingOptions as PackingOptions
 from .dem_ref.exchange.files import load_packing as load_packing

@@ -33,6 +33,9 @@ class Effects:
     sliding : bool
         Grains slide: plastic strain on a hardening cone in p and the stress ratio (see `sliding`). If off, strain is
         elastic and the stress ratio unbounded.
+    pore_fluid : bool
+        Fluid fills the pores and cannot leave: pore pressure follows from volumetric strain, and the skeleton carries
+        the effective stress (see `pore_fluid`). If off, the response is drained.
     """
 
     contact_loss: bool = True
@@ -41,6 +44,7 @@ class Effects:
     stiffness_feedback: bool = True
     irreversible_spread: bool = True
     sliding: bool = False
+    pore_fluid: bool = False
 
     def __post_init__(self) -> None:
         for name in self.names():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -27,7 +28,9 @@ from granfabric.constitutive.sliding.checks import check_sliding, initial_harden
 
 from .arrays import ALL_STRESS, finite, stress_and_index, update_arrays
 from .contract import Array, LawDescription, TangentKind, UpdateReport
+from .effective_stress import with_pressure
 from .effects import Effects
+from .initial_checks import check_fabric, check_state, given_coordination
 from .material_table import PAR_C_N, PAR_FABRIC_XX, PAR_FABRIC_XY, PAR_KN, PAR_PHI, PAR_Z
 from .parameters import (
     Closure,
@@ -38,8 +41,10 @@ from .parameters import (
     parameter_table,
     rows_of,
 )
+from .pore_fluid import PoreFluid, fluid_stiffness, initial_pressure
 from .state import micro_of_columns, state_variables
 from .threads import run_in_threads
+from .total_control import follow_total
 
 _TANGENTS = {
     "propagated": TANGENT_PROPAGATED,
@@ -85,7 +90,8 @@ class ContactLaw:
         self._table = parameter_table(self.materials)
         entropy = self.closure.distribution == "maximum_entropy"
         for material in self.materials:
-            self._check_fabric("material.initial_fabric", material.initial_fabric_xx, material.initial_fabric_xy)
+            fabric = material.initial_fabric_xx, material.initial_fabric_xy
+            check_fabric("material.initial_fabric", fabric, self.closure.distribution)
             if self.closure.shear_stiffness == "isostatic" and material.isostatic_coordination >= material.coordination:
                 raise ParameterError(
                     f"material.isostatic_coordination = {material.isostatic_coordination:g} is not below "
@@ -102,7 +108,8 @@ class ContactLaw:
         shifted = self.closure.force_change == "shifted_distribution" and self.effects.network_changes
         self._variables = state_variables(self.effects, shifted)
         self._micro = micro_of_columns(self._variables)
-        self._nstate = len(self._micro)
+        self._nstate = sum(variable.components for variable in self._variables)
+        self._fluid = PoreFluid([fluid_stiffness(row) for row in self.materials]) if self.effects.pore_fluid else None
         follow = self.effects.stiffness_feedback or not self.effects.network_changes
         self._options = Options(
             loss=self.effects.contact_loss,
@@ -158,16 +165,6 @@ class ContactLaw:
             c_w=float(closure.fluctuation) if scattered else 0.0,
         )
 
-    def _check_fabric(self, name: str, xx: float, xy: float) -> None:
-        magnitude = float(np.hypot(xx, xy))
-        entropy = self.closure.distribution == "maximum_entropy"
-        limit = 2.0 if entropy else 1.0
-        if magnitude >= limit and not (magnitude == limit and not entropy):
-            raise ParameterError(
-                f"{name} has the magnitude {magnitude:g}, but the {self.closure.distribution} "
-                f"distribution admits {'less than 2' if entropy else 'at most 1'}"
-            )
-
     @cached_property
     def description(self) -> LawDescription:
         """The law as data."""
@@ -179,6 +176,7 @@ class ContactLaw:
         material_index: NDArray[np.int32] | None = None,
         coordination: Array | None = None,
         fabric_anisotropy: Array | None = None,
+        pore_pressure: Array | None = None,
     ) -> Array:
         """State under the given stress before any loading.
 
@@ -199,6 +197,8 @@ class ContactLaw:
             Instead of the material's value, for instance a random field; within the bounds of that parameter.
         fabric_anisotropy : ndarray, shape (npt, 2), optional
             Instead of the material's value, below the magnitude that the distribution admits.
+        pore_pressure : ndarray, shape (npt,), optional
+            With the effect `pore_fluid`, where the stress is the total one: u [Pa], zero if not given.
 
         Returns
         -------
@@ -214,18 +214,22 @@ class ContactLaw:
         """
         stress, index = stress_and_index(stress, material_index, len(self._table))
         npt = len(stress)
+        if pore_pressure is not None and self._fluid is None:
+            raise ParameterError("pore_pressure means nothing to a law without effects.pore_fluid")
+        pressure = initial_pressure(pore_pressure, npt)
+        stress = stress if self._fluid is None else with_pressure(stress, pressure)
         table = self._table[index]
         with np.errstate(all="ignore"):
             p = -0.5 * (stress[:, 0] + stress[:, 1])
             s = np.stack([-0.5 * (stress[:, 0] - stress[:, 1]) / p, -stress[:, 2] / p], axis=1)
         s[~(p > 0.0)] = 0.0
-        z = table[:, PAR_Z].copy() if coordination is None else self._coordination(coordination, npt)
+        z = table[:, PAR_Z].copy() if coordination is None else given_coordination(coordination, npt)
         fabric = table[:, [PAR_FABRIC_XX, PAR_FABRIC_XY]]
         if fabric_anisotropy is not None:
             fabric = finite("fabric_anisotropy", fabric_anisotropy, (npt, 2))
             if npt:
                 largest = fabric[np.argmax(np.hypot(fabric[:, 0], fabric[:, 1]))]
-                self._check_fabric("fabric_anisotropy", largest[0], largest[1])
+                check_fabric("fabric_anisotropy", tuple(largest), self.closure.distribution)
         if not self.effects.principal_rotation:
             s = s * [1.0, 0.0]
             fabric = fabric * np.array([1.0, 0.0])
@@ -239,6 +243,7 @@ class ContactLaw:
             "reference_coordination": z,
             "reference_fabric": fabric,
             "largest_stress_ratio": np.hypot(s[:, 0], s[:, 1]),
+            "pore_pressure": pressure,
         }
         if self.effects.sliding:
             values["hardening_strain"], values["plastic_shear_strain"] = initial_hardening(table, stress)
@@ -248,29 +253,8 @@ class ContactLaw:
                 value = values[variable.name]
                 columns = self.description.columns(variable.name)
                 state[:, columns] = value[:, None] if value.ndim == 1 else value[:, : variable.components]
-        self._check_state(state, stress)
+        check_state(state, stress)
         return state
-
-    @staticmethod
-    def _coordination(given: object, npt: int) -> Array:
-        bounds = Material.variables()[PAR_Z]
-        z = finite("coordination", given, (npt,))
-        wrong = (z < bounds.lower) | (z > bounds.upper)
-        if wrong.any():
-            raise ParameterError(
-                f"coordination = {z[wrong][0]:g} is outside its physical bounds [{bounds.lower:g}, {bounds.upper:g}]"
-            )
-        return z
-
-    @staticmethod
-    def _check_state(state: Array, stress: Array) -> None:
-        wrong = ~np.isfinite(state).all(axis=1)
-        if wrong.any():
-            point = int(np.argmax(wrong))
-            raise ParameterError(
-                f"the initial stress {stress[point].tolist()} Pa at point {point} has no admissible state: no forces "
-                "that push in every direction carry it in this fabric"
-            )
 
     def _initial_anisotropies(self, s: Array, fabric: Array, c_n: Array) -> tuple[Array, Array, Array]:
         """a_n, a_t (npt, 2), mu (npt,) of `force_fabric` for given s and a_c; mu is 1 if the closure leaves it out."""
@@ -287,6 +271,14 @@ class ContactLaw:
             mu,
         )
         return normal, tangential, mu
+
+    def drained(self) -> ContactLaw:
+        """The law while pore water can leave: pore pressures stay as they are. Without `pore_fluid` the law itself."""
+        if self._fluid is None:
+            return self
+        made = copy(self)
+        made._fluid = self._fluid.drained()
+        return made
 
     def update(
         self,
@@ -405,13 +397,16 @@ class ContactLaw:
             strain_increment,
             mixed,
         )
+        if self._fluid is not None and mixed:
+            return follow_total(self.update, arrays)
         npt = len(arrays.increment)
+        stress = arrays.stress_start if self._fluid is None else self._fluid.effective(arrays)
         status = np.zeros(npt, dtype=np.int8)
         counts = np.zeros((npt, 3), dtype=np.int32)
         kind = TANGENT_NONE if tangent is None else _TANGENTS[tangent_kind]
         call = Call(
             arrays.increment,
-            arrays.stress_start,
+            stress,
             arrays.state_start,
             arrays.stress_end,
             arrays.state_end,
@@ -440,5 +435,7 @@ class ContactLaw:
             self._rule,
         )
         run_in_threads(update_points, npt, arguments)
+        if self._fluid is not None:
+            self._fluid.add(arrays, stress, status)
         factor = smallest_step_factor(status, counts, _COMFORTABLE_SUBSTEPS)
         return UpdateReport(status, counts[:, 0], counts[:, 1], float(factor), counts[:, 2])

@@ -23,7 +23,9 @@
     PAR_DILATANCY,
     PAR_M_CV,
     PAR_COHESION,
-) = range(21)
+    PAR_FLUID,
+    PAR_FLUID_POROSITY,
+) = range(23)
 
 # the micro-state: z, a_c (2), f/(kn r), a_n (2), a_t (2), gained z and a_c (3), lost z and a_c (3), z and a_c (3) of
 # the initial packing, X_0 and X_1 (3), S_i, the largest |s|, the hardening strain, gamma_p, plastic volumetric

@@ -213,6 +213,14 @@ class Material:
             default=0.0,
         )
     )
+    fluid_bulk_stiffness: float = _declare(
+        Variable("fluid_bulk_stiffness", "pore fluid: bulk modulus K_f; 0 is no fluid", "Pa",
+                 lower=0.0, upper=1e300, default=0.0)
+    )  # fmt: skip
+    fluid_porosity: float = _declare(
+        Variable("fluid_porosity", "pore fluid: porosity n; 0 takes 1 - phi of the disks",
+                 lower=0.0, upper=1.0, default=0.0)
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         for variable in self.variables():

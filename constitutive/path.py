@@ -10,6 +10,7 @@ import numpy as np
 
 from .arrays import finite
 from .contract import STATUS_TEXT, Array, Status
+from .effective_stress import effective_stress, with_pressure
 from .law import ContactLaw
 from .parameters import ParameterError, is_integer, is_within
 
@@ -55,6 +56,9 @@ POINT_COLUMNS = (
 SLIDING_COLUMNS = ("plastic_shear_strain", "plastic_volumetric_strain", "plastic_dissipation")
 """Further columns of a law with sliding; volumetric strain tension positive, dissipation in Pa."""
 
+PORE_COLUMNS = ("pore_pressure", "effective_p", "effective_stress_xx", "effective_stress_yy")
+"""Further columns of a law with pore fluid, in Pa, u and p' compression positive; stress, p and q are total."""
+
 
 def _is_finite(value: object) -> bool:
     return is_within(value, -LARGEST, LARGEST)
@@ -79,6 +83,8 @@ class Leg:
     rotation_degrees : float, optional
         Instead of control and target: turn the principal axes of stress by this angle (counter-clockwise) at constant
         p and q, under stress control.
+    drained : bool
+        Pore water can leave: its pressure stays. Without pore fluid nothing else happens anyway.
     relative : bool
         The target counts from stress and strain at the start of the leg, not from zero, each controlled component from
         its own: zero keeps it as it is.
@@ -89,6 +95,7 @@ class Leg:
     increments: int = 1
     rotation_degrees: float | None = None
     relative: bool = False
+    drained: bool = False
 
     def __post_init__(self) -> None:
         if not is_integer(self.increments) or not 1 <= self.increments <= MOST_INCREMENTS:
@@ -105,6 +112,8 @@ class Leg:
             raise ParameterError(f"path.rotation_degrees = {self.rotation_degrees!r} is not finite")
         if not isinstance(self.relative, bool | np.bool_):
             raise ParameterError(f"path.relative = {self.relative!r} is not one of True, False")
+        if not isinstance(self.drained, bool | np.bool_):
+            raise ParameterError(f"path.drained = {self.drained!r} is not one of True, False")
         if self.relative and self.target is None:
             raise ParameterError("path.relative goes with a target; a rotation always turns from the start of its leg")
 
@@ -116,8 +125,8 @@ class PathHistory:
     Parameters
     ----------
     columns : dict of ndarray
-        One entry for each of `POINT_COLUMNS`, with sliding also of `SLIDING_COLUMNS`; one row a step, the start
-        included.
+        One entry for each of `POINT_COLUMNS`, with sliding also of `SLIDING_COLUMNS`, with pore fluid of
+        `PORE_COLUMNS`; one row a step, the start included.
     finished : bool
         Whether the path was followed to its end.
     message : str
@@ -140,12 +149,14 @@ class _Recorder:
     def __init__(self, law: ContactLaw, stress: Array, state: Array) -> None:
         self.law = law
         self.rows: list[list[float]] = []
-        self.names = POINT_COLUMNS + (SLIDING_COLUMNS if law.effects.sliding else ())
+        self.of_state = SLIDING_COLUMNS if law.effects.sliding else ()
+        self.names = POINT_COLUMNS + self.of_state + (PORE_COLUMNS if law.effects.pore_fluid else ())
         self.force0 = float(state[0, law.description.columns("mean_normal_force")][0])
         # magnitudes carry the sign of their component along the initial major stress, or along x without one
         deviator = -0.5 * (stress[0, 0] - stress[0, 1]), -stress[0, 2]
         size = float(np.hypot(*deviator))
-        pressure = -0.5 * (stress[0, 0] + stress[0, 1])
+        effective = effective_stress(stress, state, law.description)
+        pressure = -0.5 * (effective[0, 0] + effective[0, 1])
         self.axis = np.array(deviator) / size if size > 1e-12 * abs(pressure) else None
 
     def _vector(self, state: Array, name: str) -> Array:
@@ -171,7 +182,9 @@ class _Recorder:
         s = stress[0]
         p = -0.5 * (s[0] + s[1])
         q = float(np.hypot(0.5 * (s[0] - s[1]), s[2]))
-        if self.axis is None and q > 1e-9 * abs(p):
+        effective = effective_stress(stress, state, self.law.description)[0]
+        carried = -0.5 * (effective[0] + effective[1])
+        if self.axis is None and q > 1e-9 * abs(carried):
             # an isotropic start has no major direction: the first deviator that appears takes its place
             self.axis = np.array([-0.5 * (s[0] - s[1]), -s[2]]) / q
         names = ("fabric_anisotropy", "normal_force_anisotropy", "tangential_force_anisotropy")
@@ -194,9 +207,11 @@ class _Recorder:
                 float(rejected),
                 float(limited),
                 *(component for vector in vectors for component in vector),
-                *(self._scalar(state, name) for name in self.names[len(POINT_COLUMNS) :]),
+                *(self._scalar(state, name) for name in self.of_state),
             ]
         )
+        if self.law.effects.pore_fluid:
+            self.rows[-1] += [self._scalar(state, "pore_pressure"), carried, *effective[:2]]
 
     def columns(self) -> dict[str, np.ndarray]:
         """The history by column."""
@@ -231,6 +246,7 @@ def drive(
     on_step: Callable[[int, int], None] | None = None,
     stop: Callable[[], bool] | None = None,
     state: Array | None = None,
+    pore_pressure: float = 0.0,
 ) -> PathHistory:
     """Drive one point along a path.
 
@@ -238,7 +254,7 @@ def drive(
     ----------
     law : ContactLaw
     initial_stress : sequence of 3 floats
-        xx, yy, xy [Pa], tension positive.
+        xx, yy, xy [Pa], tension positive; the effective stress, if there is pore fluid.
     legs : sequence of Leg
     on_step : callable, optional
         Called with the number of finished and of all increments.
@@ -246,6 +262,9 @@ def drive(
         Asked before each increment; True ends the path there.
     state : ndarray, shape (1, nstate), optional
         Initial state, if not the law's own for this stress.
+    pore_pressure : float
+        Initial pore pressure of a law with pore fluid, if its state is not given [Pa]. What is prescribed of stress on
+        the way is the total one.
 
     Returns
     -------
@@ -270,10 +289,17 @@ def drive(
             f"initial.stress = {list(initial_stress)!r} is not compressive: grains need a positive mean pressure "
             "p = -(s_xx + s_yy)/2 (tension is positive)"
         )
-    if state is None:
+    if state is not None:
+        now = finite("state", state, (1, law.description.nstate)).copy()
+        if law.effects.pore_fluid:
+            stress = with_pressure(stress, -now[:, law.description.columns("pore_pressure")][:, 0])
+    elif law.effects.pore_fluid:
+        stress = with_pressure(stress, -float(pore_pressure))
+        now = law.initial_state(stress, pore_pressure=np.array([float(pore_pressure)]))
+    elif pore_pressure == 0.0:
         now = law.initial_state(stress)
     else:
-        now = finite("state", state, (1, law.description.nstate)).copy()
+        raise ParameterError("pore_pressure means nothing to a law without effects.pore_fluid")
     if not now[0, law.description.columns("mean_normal_force")][0] > 0.0:
         raise ParameterError("the initial state has no mean normal force, by which the force is divided on the way")
     recorder = _Recorder(law, stress, now)
@@ -286,11 +312,12 @@ def drive(
 
     for number, leg in enumerate(legs):
         control, ends = _increments(leg, stress, strain)
+        going = law.drained() if leg.drained else law
         for end in ends:
             if stop is not None and stop():
                 return history(False, f"stopped after {done} of {total} increments")
             increment = end - np.where(control == 1, stress[0], strain[0])
-            report = law.update_mixed(
+            report = going.update_mixed(
                 control[None, :], increment[None, :], stress, now, stress_end, state_end, strain_increment
             )
             if report.failed:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .contract import Variable
+from .effective_stress import PORE_PRESSURE
 from .effects import Effects
 from .material_table import (
     M_A1,
@@ -77,6 +78,8 @@ def state_variables(effects: Effects, shifted: bool = False) -> tuple[Variable, 
             Variable("plastic_volumetric_strain", "plastic eps_xx + eps_yy, dilation positive", default=0.0),
             Variable("plastic_dissipation", "plastic work per volume", "Pa", lower=0.0, default=0.0),
         ]
+    if effects.pore_fluid:
+        variables.append(PORE_PRESSURE)  # the last one, where `pore_fluid` finds it
     return tuple(variables)
 
 
@@ -104,7 +107,7 @@ _MICRO_OF = {
 
 
 def micro_of_columns(variables: tuple[Variable, ...]) -> NDArray[np.int64]:
-    """For each state column, the entry of the micro-state (see `load_lane`) that it holds.
+    """For each state column but a last one of pore pressure, the entry of the micro-state that it holds (`load_lane`).
 
     Returns
     -------
@@ -112,6 +115,8 @@ def micro_of_columns(variables: tuple[Variable, ...]) -> NDArray[np.int64]:
     """
     entries: list[int] = []
     for variable in variables:
+        if variable is PORE_PRESSURE:
+            continue  # no kernel of the skeleton knows of it
         entries += _MICRO_OF[variable.name][: variable.components]
     if len(set(entries)) != len(entries) or max(entries) >= MICRO:
         raise AssertionError("state columns overlap")

@@ -36,7 +36,7 @@ def _twin(loaded: Any) -> tuple[Any, float]:
 def means(columns: dict[str, Any], row: int) -> tuple[float, float, float]:
     """q/p of the mean stress, mean coordination number, mean fabric anisotropy of a row of a history."""
     return (
-        float(columns["q"][row]) / float(columns["p"][row]),
+        float(columns["q"][row]) / float(columns.get("effective_p", columns["p"])[row]),
         float(columns["coordination"][row]),
         float(columns["fabric_anisotropy"][row]),
     )

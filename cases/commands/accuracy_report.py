@@ -62,7 +62,8 @@ def achieved(loaded: Any, folder: Path) -> dict[str, float]:
     legs = [replace(leg, increments=FINER * leg.increments) for leg in legs_of(loaded.scene)]
     start = start_state(loaded, law.description)
     fine_law = ContactLaw(law.materials, law.closure, law.effects, tighter)
-    fine = drive(fine_law, loaded.scene.initial.stress, legs, state=start).columns
+    water = build.pore_pressure(loaded, law)
+    fine = drive(fine_law, loaded.scene.initial.stress, legs, state=start, pore_pressure=water).columns
     exact = {name: values[::FINER] for name, values in fine.items()}
     found = {name: np.array(values) for name, values in files.read_csv(folder / files.HISTORY).items()}
     rows = min(len(found["p"]), len(exact["p"]))

@@ -17,6 +17,7 @@ import typer
 from granfabric.cases.errors import InputError, RunError
 
 from .fit_options import CurvesArgument, DataOption, DataSetOption, FitOutputOption, FreeOption, MaterialFileOption
+from .hosts import HostOption, assists, leading
 from .verify_options import (
     MaterialsOption,
     PackingSetOption,
@@ -157,11 +158,14 @@ def run(
     upgrade: UpgradeOption = False,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
+    host: HostOption = "own",
 ) -> None:
     """Compute a boundary-value problem."""
     from granfabric.cases.terminal.early_kernels import early_kernels
 
-    with early_kernels() as kernels, _speaking(quiet, verbose) as screen:
+    if assists(host):
+        return
+    with leading(host) as team, early_kernels() as kernels, _speaking(quiet, verbose) as screen:
         from granfabric.cases.scene import build
         from granfabric.cases.scene.reader import load
 
@@ -173,10 +177,10 @@ def run(
         loaded.require("field")
         kernels.start(build.kernels(loaded)[:1])
         accuracy_report.announce(loaded, screen)
-        record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels, overwrite)
+        record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels, overwrite, team)
         while upgrade and record.outcome == "finished" and record.details.get("upgrade"):
             loaded = _upgraded(scene, given, record, screen)
-            record = run_field(loaded, _folder(output, loaded.name), screen, False, kernels, overwrite)
+            record = run_field(loaded, _folder(output, loaded.name), screen, False, kernels, overwrite, team)
         accuracy_report.report(loaded, record, screen)
         _exit(record.outcome)
 

@@ -9,7 +9,7 @@ from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.resolve import resolve_point
 from granfabric.cases.field import memory
-from granfabric.cases.records import files
+from granfabric.cases.records import files, pore_columns
 from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import start_state
@@ -94,7 +94,8 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
                     advance(done, f"step {done} of {of}")
 
                 try:
-                    history = drive(law, scene.initial.stress, legs, on_step=on_step, stop=stop, state=state)
+                    start = build.pore_pressure(loaded, law)
+                    history = drive(law, scene.initial.stress, legs, on_step, stop, state, start)
                 except KeyboardInterrupt as error:
                     raise record.broken_off("interrupted within the first step") from error
             record.timing["compilation"] = early.seconds + watch.seconds
@@ -126,13 +127,15 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
 
 def _report(history: PathHistory, record: Record, screen: Screen) -> None:
     columns = history.columns
+    carried = columns.get("effective_p", columns["p"])
     chosen = spread(len(columns["step"]), 8)
     rows = []
     for row in chosen:
-        p, q = columns["p"][row], columns["q"][row]
+        p, q = carried[row], columns["q"][row]
         values = [f"{int(columns['step'][row])}", f"{p / 1e3:.2f}", f"{q / p:.3f}"]
         rows.append(values + [f"{columns[name][row]:.4f}" for name in TABLE_COLUMNS[3:]])
-    screen.table(record.scene["title"], ["step", "p [kPa]", "q/p", "z", "a_c", "a_n", "f/f0"], rows)
+    pressure = "p' [kPa]" if "effective_p" in columns else "p [kPa]"
+    screen.table(record.scene["title"], ["step", pressure, "q/p", "z", "a_c", "a_n", "f/f0"], rows)
     limited = columns["limited"]
     if limited.any():
         screen.say(
@@ -141,12 +144,13 @@ def _report(history: PathHistory, record: Record, screen: Screen) -> None:
         )
     if record.outcome != "finished":
         screen.say(f"{record.outcome} after {record.details['steps']} steps: {record.message}", insist=True)
-    ratios = [q / p if p > 0.0 else 0.0 for p, q in zip(columns["p"], columns["q"])]
+    ratios = [q / p if p > 0.0 else 0.0 for p, q in zip(carried, columns["q"])]
     pulls = pulling_stress(record.scene, [int(step) for step in columns["step"]], ratios)
     if pulls:
         screen.say(pulls)
         record.details["pulling"] = pulls
         record.write()
+    pore_columns.tell(columns, "pore_pressure", record, screen)
     screen.say(
         f"{record.details['steps']} steps in {record.timing['path']:.2f} s "
         f"(compilation {record.timing['compilation']:.1f} s); results in {record.folder}"

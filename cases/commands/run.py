@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,9 +15,9 @@ from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.resolve import resolve_field
 from granfabric.cases.errors import InputError
-from granfabric.cases.field import comparison, initial_balance, mesh_error_estimate, mesh_table
+from granfabric.cases.field import comparison, initial_balance, locking, mesh_error_estimate, mesh_table
 from granfabric.cases.field.prepare import prepare
-from granfabric.cases.records import files, resumption
+from granfabric.cases.records import files, pore_columns, resumption
 from granfabric.cases.records.field_history import FieldHistory
 from granfabric.cases.records.field_recorder import FieldRecorder
 from granfabric.cases.records.pulling import pulling_stress
@@ -30,12 +30,19 @@ from granfabric.cases.terminal.early_kernels import EarlyKernels
 from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.constitutive import warm_up as constitutive_warm_up
+from granfabric.constitutive.contract import LawDescription
+from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.fem import warm_up as fem_warm_up
 from granfabric.fem.equilibrium.checkpoint import Checkpoint, CheckpointError, CheckpointFolder
 from granfabric.fem.equilibrium.control import ControlError
 from granfabric.fem.equilibrium.results import RunSummary, StepResult
 from granfabric.fem.equilibrium.stepping import solve
 from granfabric.fem.output.fields import OutputError
+
+from . import hosts
+
+if TYPE_CHECKING:
+    from granfabric.fem.fenicsx.team import Team
 
 COMPILATION_SECONDS = 12
 """Rough time to compile the kernels of law and host on two cores, for the message on first use."""
@@ -50,6 +57,7 @@ def run_field(
     resume: bool = False,
     kernels: EarlyKernels | None = None,
     overwrite: bool = False,
+    team: Team | None = None,
 ) -> Record:
     """Compute a field scene and write its files.
 
@@ -67,6 +75,8 @@ def run_field(
         Where the law's kernels are being compiled.
     overwrite : bool
         Replace results of another scene too.
+    team : Team, optional
+        Ranks of the host "fenicsx"; the own host computes if not given.
 
     Returns
     -------
@@ -95,6 +105,7 @@ def run_field(
             earlier = resumption.earlier_record(folder)
         effects_choice.check(loaded)
         prepared = prepare(loaded)
+        hosts.check(team, loaded, prepared.problem)
         second_order = loaded.scene.mesh.element.endswith("2")
         mesh_table.show(prepared.problem.space.host_mesh, screen, second_order)
         waited = 0.0 if earlier is not None else _compile(loaded, kernels, watch, stop)
@@ -114,6 +125,7 @@ def run_field(
                 record.outcome, record.message = "finished", earlier["message"]
                 return record
             resumed = _last_checkpoint(checkpoints, earlier, screen)
+        record.details["host"] = hosts.as_data(team)
         record.details["mesh_digest"] = digest
         record.details["mesh_groups"] = mesh_table.as_data(problem.space.host_mesh, second_order)
         record.details["size"] = {
@@ -133,6 +145,7 @@ def run_field(
         else:
             record.details["decision"] = effects_report.as_data(decision)
             effects_report.announce(decision, problem.law.description.linear_response, screen)
+        locking.tell(loaded.scene, record, screen)
         balance = initial_balance.Balance(problem)
         if earlier is not None:
             initial_balance.continue_from(balance, earlier, record)
@@ -155,7 +168,7 @@ def run_field(
                     initial_balance.report_release(balance, step, record, screen)
                     recorder(step)
 
-                summary = solve(
+                summary = (solve if team is None else team.solve)(
                     problem,
                     prepared.control,
                     on_step=on_step,
@@ -171,7 +184,7 @@ def run_field(
                 raise record.broken_off(f"results cannot be written any more: {error}") from error
             except KeyboardInterrupt as error:
                 raise record.broken_off("interrupted within a step") from error
-        _finish(record, summary, stop.requested, balance)
+        _finish(record, summary, stop.requested, balance, problem.law.description)
         if summary.failed_point is not None and record.outcome == "failed":
             write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
         record.timing["compilation"] = watch.seconds + waited
@@ -242,23 +255,29 @@ def _compile(
     return kernels.wait(stop)
 
 
-def _finish(record: Record, summary: RunSummary, stopped: bool, balance: initial_balance.Balance) -> None:
+def _finish(
+    record: Record,
+    summary: RunSummary,
+    stopped: bool,
+    balance: initial_balance.Balance,
+    description: LawDescription,
+) -> None:
     record.outcome = "finished" if summary.finished else "stopped" if stopped else "failed"
     record.message = summary.message
     if record.outcome == "failed":
-        record.message += _failed_place(record, summary) + balance.reminder(summary.stage)
+        record.message += _failed_place(record, summary, description) + balance.reminder(summary.stage)
     record.details["counters"] = dict(summary.counters)
     record.details["linear_solver"] = summary.solver
     record.details["reached"] = {"stage": summary.stage, "fraction": summary.fraction}
     record.timing.update(summary.seconds)
 
 
-def _failed_place(record: Record, summary: RunSummary) -> str:
+def _failed_place(record: Record, summary: RunSummary, description: LawDescription) -> str:
     """Where the law could not be followed, how far the stress had come there, and what bounds it."""
     failed = summary.failed_point
     if failed is None:
         return ""
-    xx, yy, xy = failed.stress_start.tolist()
+    xx, yy, xy = effective_stress(failed.stress_start, failed.state_start, description).tolist()
     pressure, deviator = -0.5 * (xx + yy), float(np.hypot(0.5 * (xx - yy), xy))
     said = f" (point {failed.point} at ({failed.position[0]:.4g}, {failed.position[1]:.4g}) m"
     ratio = deviator / pressure if pressure > 0.0 else 0.0
@@ -274,7 +293,7 @@ def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: 
     axial = max(("strain_xx", "strain_yy", "strain_xy"), key=lambda name: float(np.abs(columns[name]).max()))
     rows = []
     for row in spread(len(history.rows), 8):
-        p, q = columns["p"][row], columns["q"][row]
+        p, q = columns["effective_p" if "effective_p" in columns else "p"][row], columns["q"][row]
         rows.append(
             [
                 str(columns["step"][row]),
@@ -308,6 +327,7 @@ def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: 
         screen.say(pulls)
         record.details["pulling"] = pulls
         record.write()
+    pore_columns.tell(columns, "pore_pressure_smallest", record, screen)
     if record.outcome != "finished":
         where = f"{record.outcome} in stage {summary.stage!r} at {summary.fraction:.0%}"
         screen.say(f"{where}: {record.message}", insist=True)

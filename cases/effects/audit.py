@@ -24,12 +24,13 @@ from granfabric.cases.scene.effects_choice import (
     EffectSet,
     all_names,
     everything,
-    sliding_is_possible,
+    is_possible,
     tolerance,
 )
 from granfabric.cases.scene.point_path import legs_of
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.screen import Screen
+from granfabric.constitutive.effective_stress import effective_stress, with_pressure
 from granfabric.constitutive.law import ContactLaw
 from granfabric.constitutive.parameters import ParameterError
 from granfabric.constitutive.path import PathHistory
@@ -37,7 +38,7 @@ from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.loads.problem import Problem
 
 from .numbers import numbers, quantile
-from .probe import Paths, index_of, network_of_state
+from .probe import Paths, index_of, network_of_state, pore_pressure_of
 from .sample import spread_over_area
 from .trial import QUANTITIES, Trial, differences, drive_point, follow, stiffness, with_tolerance
 
@@ -103,44 +104,53 @@ class StressPaths:
         self.points = spread_over_area(problem.space.points, weights, POINTS)
         self._strain = [np.zeros((len(self.points), 3))]
         self._stress = [problem.initial_stress[self.points]]
+        self._drained, self._drains = [False], {stage.name: stage.drained for stage in problem.stages}
         self._state = [problem.initial_state[self.points]]
 
     def add(self, step: StepResult) -> None:
         """Keep a step."""
         self._strain.append(step.strain[self.points])
         self._stress.append(step.stress[self.points])
+        self._drained.append(self._drains[step.stage])
         self._state.append(step.state[self.points])
 
     def paths(self) -> tuple[Paths, Trial]:
         """The stress paths, and the outcome of the run along them."""
         problem, points = self._problem, self.points
         last = len(self._strain) - 1
-        nodes = np.unique(np.linspace(0, last, min(last, NODES) + 1).round().astype(int))
+        drained = np.array(self._drained)
+        turns = np.flatnonzero(np.diff(drained[1:])) + 1  # no piece is drained in part
+        nodes = np.unique([*np.linspace(0, last, min(last, NODES) + 1).round().astype(int), *turns])
         strain, stress = np.array(self._strain)[nodes], np.array(self._stress)[nodes]
+        description, state = problem.law.description, np.array(self._state)[nodes]
+        pressure = pore_pressure_of(problem)
+        at_start = None if pressure is None else pressure[points]
         coordination, fabric = network_of_state(problem)
         fraction = np.full(len(points), 1.0 / len(points))
         if len(points) == problem.space.npoints:
             fraction = problem.space.weights / problem.space.weights.sum()
         paths = Paths(
             strain,
-            stress,
+            effective_stress(stress, state, description),
             fraction,
             problem.space.points[points],
             np.ascontiguousarray(index_of(problem)[points]),
             coordination[points],
             fabric[points],
+            at_start,
+            drained[nodes] if drained.any() else None,
         )
-        description, state = problem.law.description, np.array(self._state)[nodes]
         network = np.zeros((*strain.shape[:2], 2))
         columns = state[..., description.columns("fabric_anisotropy")]
         network[..., : columns.shape[-1]] = columns
         outcome = Trial(
-            stress,
+            stress if at_start is None else with_pressure(stress, at_start),
             strain,
             state[..., description.columns("coordination")][..., 0],
             network,
             np.full(len(points), len(nodes) - 1),
             description.nstate,
+            None if at_start is None else state[..., -1] - at_start,
         )
         return paths, outcome
 
@@ -177,18 +187,21 @@ def audit_point(loaded: LoadedScene, history: PathHistory) -> Audit:
     def of(*names: str) -> Array:
         return np.stack([columns[name] for name in names], axis=1)[:, None, :]
 
+    given = loaded.scene.initial.pore_pressure
+    wet = "pore_pressure" in columns
     outcome = Trial(
-        of("stress_xx", "stress_yy", "stress_xy"),
+        with_pressure(of("stress_xx", "stress_yy", "stress_xy"), given if wet else 0.0),
         of("strain_xx", "strain_yy", "strain_xy"),
         of("coordination")[..., 0],
         of("fabric_anisotropy_1", "fabric_anisotropy_2"),
         np.array([rows - 1]),
         law.description.nstate,
+        np.asarray(columns["pore_pressure"])[:, None] - given if wet else None,
     )
     one = np.ones(1)
     paths = Paths(
         outcome.strain,
-        outcome.stress,
+        outcome.effective,
         one,
         np.zeros((1, 2)),
         np.zeros(1, dtype=np.int32),
@@ -196,7 +209,8 @@ def audit_point(loaded: LoadedScene, history: PathHistory) -> Audit:
         outcome.fabric[0],
     )
     return _audit(
-        loaded, law, lambda other: drive_point(other, start, legs), outcome, paths, None, lambda points: "the point"
+        loaded, law, lambda other: drive_point(other, start, legs, given), outcome, paths, None,
+        lambda points: "the point",
     )
 
 
@@ -221,7 +235,7 @@ def _audit(
     facts = numbers(paths, list(law.materials), law.closure)
     found = []
     for name in all_names():
-        if used.has(name) or (name == SLIDING and not sliding_is_possible(scene)):
+        if used.has(name) or not is_possible(scene, name):
             continue
         more = used.with_effect(name, True)
         if not more.has(name):

@@ -13,11 +13,13 @@ from granfabric.cases.scene import build
 from granfabric.cases.scene.effects_choice import EffectSet, with_decided
 from granfabric.cases.scene.point_path import legs_of
 from granfabric.cases.scene.reader import LoadedScene
+from granfabric.constitutive.effective_stress import with_pressure
 from granfabric.constitutive.path import drive
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.equilibrium.stepping import solve
 
 from .numbers import quantile
+from .probe import pore_pressure_of
 from .resolve import with_effects
 from .trial import QUANTITIES, Trial, differences
 
@@ -76,13 +78,16 @@ def run_field(loaded: LoadedScene, prepared: Prepared, chosen: EffectSet) -> Out
         return state[:, description.columns("coordination")][:, 0], fabric
 
     states = [network(problem.initial_state), *(network(step.state) for step in steps)]
+    pressure = pore_pressure_of(problem)
+    stresses = np.array([problem.initial_stress, *(step.stress for step in steps)])
     trial = Trial(
-        np.array([problem.initial_stress, *(step.stress for step in steps)]),
+        stresses if pressure is None else with_pressure(stresses, pressure),
         np.array([np.zeros((problem.space.npoints, 3)), *(step.strain for step in steps)]),
         np.array([coordination for coordination, _ in states]),
         np.array([fabric for _, fabric in states]),
         np.full(problem.space.npoints, len(steps)),
         description.nstate,
+        None if pressure is None else np.array([problem.initial_state, *(s.state for s in steps)])[..., -1] - pressure,
     )
     keys = [(step.stage, round(step.fraction, 9)) for step in steps]
     return Outcome(trial, keys, seconds, summary.counters, description.linear_response, summary.finished)
@@ -93,7 +98,7 @@ def run_point(loaded: LoadedScene, chosen: EffectSet) -> Outcome:
     made = with_decided(loaded, chosen)
     law, legs = build.law(made, chosen.effects), legs_of(made.scene)
     since = time.process_time()
-    history = drive(law, made.scene.initial.stress, legs)
+    history = drive(law, made.scene.initial.stress, legs, pore_pressure=build.pore_pressure(made, law))
     seconds = time.process_time() - since
     columns = history.columns
     steps = len(columns["step"]) - 1
@@ -101,13 +106,15 @@ def run_point(loaded: LoadedScene, chosen: EffectSet) -> Outcome:
     def of(*names: str) -> Array:
         return np.stack([columns[name] for name in names], axis=1)[:, None, :]
 
+    datum = made.scene.initial.pore_pressure if law.effects.pore_fluid else 0.0
     trial = Trial(
-        of("stress_xx", "stress_yy", "stress_xy"),
+        with_pressure(of("stress_xx", "stress_yy", "stress_xy"), datum),
         of("strain_xx", "strain_yy", "strain_xy"),
         of("coordination")[..., 0],
         of("fabric_anisotropy_1", "fabric_anisotropy_2"),
         np.array([steps]),
         law.description.nstate,
+        columns["pore_pressure"][:, None] - datum if law.effects.pore_fluid else None,
     )
     keys = [("path", float(step)) for step in range(1, steps + 1)]
     return Outcome(trial, keys, seconds, {}, False, history.finished)
@@ -134,4 +141,5 @@ def _at(outcome: Outcome, keys: list[tuple[str, float]]) -> Trial:
         trial.fabric[nodes],
         np.full(trial.stress.shape[1], len(nodes) - 1),
         trial.columns,
+        None if trial.excess is None else trial.excess[nodes],
     )

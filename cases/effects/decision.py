@@ -23,12 +23,11 @@ from granfabric.cases.scene.effects_choice import (
     AUTO,
     FEEDBACK,
     MEMORY,
-    SLIDING,
     EffectSet,
     all_names,
     asked,
     everything,
-    sliding_is_possible,
+    is_possible,
     tolerance,
 )
 from granfabric.cases.scene.point_path import legs_of
@@ -158,13 +157,13 @@ def decide_point(loaded: LoadedScene, timed: bool = False) -> Decision:
     legs = shortened(legs_of(scene))
     start = scene.initial.stress
     fractions = np.ones(1)
-    bench = _Bench(law, lambda other: drive_point(other, start, legs), fractions, None)
+    bench = _Bench(law, lambda other: drive_point(other, start, legs, scene.initial.pore_pressure), fractions, None)
     reference = bench.trial(everything(scene))
     if reference is None:
         return Decision(everything(scene), tolerance=tolerance(scene), note=REFUSED)
     paths = Paths(
         reference.strain,
-        reference.stress,
+        reference.effective,
         fractions,
         np.zeros((1, 2)),
         np.zeros(1, dtype=np.int32),
@@ -218,7 +217,7 @@ def _decide(
     for name in all_names():
         if full.has(name):
             alone[name] = bench.error(full, full.with_effect(name, False))
-        elif name == SLIDING and not sliding_is_possible(scene):
+        elif not is_possible(scene, name):
             alone[name] = (0.0, 0.0, "")  # parameters nobody gave say nothing
         else:
             more = full.with_effect(name, True)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.constitutive.parameters import Material
+from granfabric.constitutive.pore_fluid import fluid_stiffness
 
 from .probe import Paths
 
@@ -63,6 +64,8 @@ class Numbers:
         First-order relative change of the stiffness: of moduli by that loss, of the coupling by a_c = P0 |ds|.
     low_pressure_fraction : float
         Where the pressure falls nearly to zero.
+    excess_pressure : float
+        K_f/n times the largest volumetric strain, over the initial p; zero without a fluid.
     """
 
     stress_ratio: float
@@ -76,6 +79,7 @@ class Numbers:
     loss: float
     stiffness_change: float
     low_pressure_fraction: float
+    excess_pressure: float
 
 
 def numbers(paths: Paths, materials: list[Material], closure: Any) -> Numbers:
@@ -121,7 +125,16 @@ def numbers(paths: Paths, materials: list[Material], closure: Any) -> Numbers:
         quantile(loss, weights),
         quantile(change, weights),
         float(weights[low].sum()),
+        quantile(_excess_pressure(paths, materials, start), weights),
     )
+
+
+def _excess_pressure(paths: Paths, materials: list[Material], start: Array) -> Array:
+    fluid = np.array([fluid_stiffness(material) for material in materials])[paths.material_index]
+    volumetric = paths.strain[..., 0] + paths.strain[..., 1]
+    if paths.drained is not None:
+        volumetric = np.cumsum(np.diff(volumetric, axis=0, prepend=0.0) * ~paths.drained[:, None], axis=0)
+    return np.asarray(fluid * np.abs(volumetric).max(axis=0) / start)
 
 
 def _turn(s: Array, ratio: Array) -> Array:

@@ -8,10 +8,14 @@ chain of straight pieces. A point scene has its own path.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.constitutive.effective_stress import effective_stress, with_pressure
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.pore_fluid import fluid_stiffness
 from granfabric.fem.accounting import Accounting
 from granfabric.fem.equilibrium.control import StepControl
 from granfabric.fem.equilibrium.linear_solution import LinearSolution, LinearSolutionError
@@ -43,7 +47,7 @@ class Paths:
     strain : ndarray, shape (nodes, npt, 3)
         Total strain: xx, yy, engineering xy; tension positive.
     stress : ndarray, shape (nodes, npt, 3)
-        Tension positive [Pa].
+        Effective, tension positive [Pa].
     weights : ndarray, shape (npt,)
         Fraction of the area that each point stands for; they sum up to one.
     places : ndarray, shape (npt, 2)
@@ -51,6 +55,10 @@ class Paths:
     material_index : ndarray of int32, shape (npt,)
     coordination, fabric : ndarray, shapes (npt,), (npt, 2)
         Of the initial packing.
+    pore_pressure : ndarray, shape (npt,), optional
+        Before any loading [Pa]; zero if not given.
+    drained : ndarray of bool, shape (nodes,), optional
+        Whether pore water can leave on the way to a node; nowhere if not given.
     """
 
     strain: Array
@@ -60,6 +68,23 @@ class Paths:
     material_index: NDArray[np.int32]
     coordination: Array
     fabric: Array
+    pore_pressure: Array | None = None
+    drained: NDArray[np.bool_] | None = None
+
+    def start(self, law: ContactLaw) -> tuple[Array, Array]:
+        """Stress (total, if the law has pore fluid) and state of a law before any loading."""
+        network = (self.material_index, self.coordination, self.fabric)
+        if not law.effects.pore_fluid:
+            stress = self.stress[0].copy()
+            return stress, law.initial_state(stress, *network)
+        stress = with_pressure(self.stress[0], -self.datum(law))
+        return stress, law.initial_state(stress, *network, pore_pressure=self.datum(law))
+
+    def datum(self, law: ContactLaw) -> Array:
+        """Pore pressure with which a law starts, shape (npt,); zeros if it has none."""
+        if self.pore_pressure is None or not law.effects.pore_fluid:
+            return np.zeros(self.stress.shape[1])
+        return self.pore_pressure
 
     def at(self, points: NDArray[np.int64]) -> Paths:
         """The paths of some points, which then stand for the whole area."""
@@ -72,6 +97,8 @@ class Paths:
             np.ascontiguousarray(self.material_index[points]),
             self.coordination[points],
             self.fabric[points],
+            None if self.pore_pressure is None else self.pore_pressure[points],
+            self.drained,
         )
 
 
@@ -82,6 +109,21 @@ def network_of_state(problem: Problem) -> tuple[Array, Array]:
     columns = state[:, description.columns("fabric_anisotropy")]
     fabric[:, : columns.shape[1]] = columns
     return state[:, description.columns("coordination")][:, 0].copy(), fabric
+
+
+def pore_pressure_of(problem: Problem) -> Array | None:
+    """Pore pressure of the initial state, shape (npt,) [Pa]; None if the law has none."""
+    description = problem.law.description
+    if not description.has_state("pore_pressure"):
+        return None
+    return problem.initial_state[:, description.columns("pore_pressure")][:, 0].copy()
+
+
+def _fluid_stiffness(problem: Problem) -> Array:
+    """K_f/n of each point [Pa]; zeros if the law has no pore fluid."""
+    law: Any = problem.law
+    rows = [fluid_stiffness(row) if law.effects.pore_fluid else 0.0 for row in law.materials]
+    return np.array(rows)[index_of(problem)]
 
 
 def index_of(problem: Problem) -> NDArray[np.int32]:
@@ -104,23 +146,28 @@ def field_paths(problem: Problem, control: StepControl) -> Paths:
     stride = 1 + (len(problem.stages) * most + 1) * problem.space.npoints // MOST_VALUES
     try:
         solution = LinearSolution(problem, system)
-        stiffness = system.material.tangent_start
-        stresses = [problem.initial_stress[::stride]]
+        effective = effective_stress(problem.initial_stress, problem.initial_state, problem.law.description)
+        stresses = [effective[::stride]]
         strains = [np.zeros_like(stresses[0])]
+        fluid, drained = _fluid_stiffness(problem)[::stride], [False]
         for stage in problem.stages:
             change = solution.next_stage().strain[::stride]
-            response = np.einsum("pij,pj->pi", stiffness[::stride], change)
+            response = np.einsum("pij,pj->pi", system.material.tangent_start[::stride], change)
+            if not stage.drained:
+                response = with_pressure(response, -fluid * (change[:, 0] + change[:, 1]))
             pieces = min(most, stage.increments)
             before, stress = strains[-1], stresses[-1]
             if not np.abs(response).max() > 1e-9 * np.abs(problem.initial_stress).max():
                 continue  # a stage that only holds what is there
             for piece in range(1, pieces + 1):
+                drained.append(stage.drained)
                 strains.append(before + piece / pieces * change)
                 stresses.append(stress + piece / pieces * response)
     except LinearSolutionError as error:
         raise ProbeError(str(error)) from error
     weights = problem.space.weights[::stride]
     coordination, fabric = network_of_state(problem)
+    pressure = pore_pressure_of(problem)
     return Paths(
         np.array(strains),
         np.array(stresses),
@@ -129,4 +176,6 @@ def field_paths(problem: Problem, control: StepControl) -> Paths:
         index_of(problem)[::stride],
         coordination[::stride],
         fabric[::stride],
+        None if pressure is None else pressure[::stride],
+        np.array(drained) if any(drained) else None,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from granfabric.cases.scene.effects_choice import AUTO, FEEDBACK, MEMORY, SLIDING, SPREAD, all_names
+from granfabric.cases.scene.effects_choice import AUTO, FEEDBACK, FLUID, MEMORY, SLIDING, SPREAD, all_names
 from granfabric.cases.terminal.screen import Screen
 
 from .decision import AssessedEffect, Decision
@@ -28,6 +28,8 @@ def number_of(name: str, facts: Numbers) -> str:
         return f"q/p, ln p fall by {abs(facts.reversal):.2g}"
     if name == SLIDING:
         return f"q/p reaches {facts.stress_ratio:.2g}"
+    if name == FLUID:
+        return f"K_f/n eps_v reaches {facts.excess_pressure:.2g} p"
     return ""
 
 

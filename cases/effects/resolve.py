@@ -5,13 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from granfabric.cases.field.prepare import Prepared
 from granfabric.cases.scene import build, effects_choice
 from granfabric.cases.scene.reader import LoadedScene
+from granfabric.constitutive.effective_stress import with_pressure
 from granfabric.fem.loads.problem import Problem
 
 from .decision import Decision, decide_field, decide_point
-from .probe import index_of, network_of_state
+from .probe import index_of, network_of_state, pore_pressure_of
 
 DECIDED_BY_SCENE = "the scene leaves nothing to decide"
 
@@ -68,12 +71,17 @@ def with_effects(loaded: LoadedScene, prepared: Prepared) -> Prepared:
     law = build.law(loaded, effects)
     problem = prepared.problem
     coordination, fabric = network_of_state(problem)
-    state = law.initial_state(problem.initial_stress, index_of(problem), coordination, fabric)
+    pressure, stress = pore_pressure_of(problem), problem.initial_stress
+    if pressure is not None and not law.effects.pore_fluid:
+        stress, pressure = with_pressure(stress, pressure), None
+    elif pressure is None and law.effects.pore_fluid:
+        pressure = np.zeros(len(stress))
+    state = law.initial_state(stress, index_of(problem), coordination, fabric, pressure)
     made = Problem(
         problem.space,
         law,
         problem.stages,
-        initial_stress=problem.initial_stress,
+        initial_stress=stress,
         material_index=problem.material_index,
         initial_state=state,
         balance_initial_stress=problem.balance_initial_stress,

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.constitutive.effective_stress import with_pressure
 from granfabric.constitutive.law import ContactLaw
 from granfabric.constitutive.parameters import Integration
 from granfabric.constitutive.path import Leg, drive
@@ -36,12 +37,15 @@ class Trial:
     Parameters
     ----------
     stress, strain : ndarray, shape (nodes, npt, 3)
-        Tension positive [Pa], engineering shear.
+        Tension positive [Pa], engineering shear. With pore fluid the total stress over the pore pressure of the start,
+        so that stresses of laws with and without it can be compared, whatever the depth of the water.
     coordination, fabric : ndarray, shapes (nodes, npt), (nodes, npt, 2)
     reached : ndarray of int, shape (npt,)
         Last node up to which the law could follow.
     columns : int
         State columns.
+    excess : ndarray, shape (nodes, npt), optional
+        Pore pressure over that of the start [Pa]; zero if not given.
     """
 
     stress: Array
@@ -50,6 +54,12 @@ class Trial:
     fabric: Array
     reached: NDArray[np.int64]
     columns: int
+    excess: Array | None = None
+
+    @property
+    def effective(self) -> Array:
+        """Effective stress at the nodes."""
+        return self.stress if self.excess is None else with_pressure(self.stress, self.excess)
 
 
 def with_tolerance(integration: Integration, tolerance: float, directions: int = DIRECTIONS) -> Integration:
@@ -68,8 +78,8 @@ def follow(law: ContactLaw, paths: Paths) -> Trial:
     """Drive points along their strain paths, all at once; a point that fails stays where it is."""
     nodes, npt = paths.strain.shape[:2]
     description = law.description
-    stress = paths.stress[0].copy()
-    state = law.initial_state(stress, paths.material_index, paths.coordination, paths.fabric)
+    stress, state = paths.start(law)
+    datum, drained = paths.datum(law), law.drained()
     made = Trial(
         np.empty((nodes, npt, 3)),
         paths.strain,
@@ -77,6 +87,7 @@ def follow(law: ContactLaw, paths: Paths) -> Trial:
         np.zeros((nodes, npt, 2)),
         np.zeros(npt, dtype=np.int64),
         description.nstate,
+        np.zeros((nodes, npt)) if law.effects.pore_fluid else None,
     )
     stress_end, state_end = np.empty_like(stress), np.empty_like(state)
     alive = np.ones(npt, dtype=bool)
@@ -84,12 +95,16 @@ def follow(law: ContactLaw, paths: Paths) -> Trial:
     for node in range(nodes):
         if node:
             increment = np.where(alive[:, None], paths.strain[node] - paths.strain[node - 1], 0.0)
-            report = law.update(increment, stress, state, stress_end, state_end, material_index=paths.material_index)
+            going = drained if paths.drained is not None and paths.drained[node] else law
+            report = going.update(increment, stress, state, stress_end, state_end, material_index=paths.material_index)
             alive &= report.status <= 1
             stress, stress_end = stress_end, stress
             state, state_end = state_end, state
         made.reached[alive] = node
         made.stress[node] = stress
+        if made.excess is not None:
+            made.stress[node] = with_pressure(stress, datum)
+            made.excess[node] = state[:, -1] - datum
         made.coordination[node] = state[:, description.columns("coordination")][:, 0]
         made.fabric[node, :, : fabric.stop - fabric.start] = state[:, fabric]
     return made
@@ -97,8 +112,7 @@ def follow(law: ContactLaw, paths: Paths) -> Trial:
 
 def stiffness(law: ContactLaw, paths: Paths) -> Array:
     """Elastic stiffness of the initial state of each point, shape (npt, 3, 3) [Pa]."""
-    stress = np.ascontiguousarray(paths.stress[0])
-    state = law.initial_state(stress, paths.material_index, paths.coordination, paths.fabric)
+    stress, state = paths.start(law)
     tangent = np.zeros((len(stress), 3, 3))
     nothing = np.zeros_like(stress)
     law.update(nothing, stress, state, nothing.copy(), np.empty_like(state), tangent, "elastic", paths.material_index)
@@ -111,9 +125,12 @@ def shortened(legs: Sequence[Leg]) -> list[Leg]:
     return [replace(leg, increments=min(leg.increments, most)) for leg in legs]
 
 
-def drive_point(law: ContactLaw, initial_stress: Sequence[float], legs: Sequence[Leg]) -> Trial:
+def drive_point(
+    law: ContactLaw, initial_stress: Sequence[float], legs: Sequence[Leg], pore_pressure: float = 0.0
+) -> Trial:
     """Drive the point of a point scene along its own path."""
-    columns = drive(law, initial_stress, legs).columns
+    datum = pore_pressure if law.effects.pore_fluid else 0.0
+    columns = drive(law, initial_stress, legs, pore_pressure=datum).columns
     nodes = 1 + sum(leg.increments for leg in legs)
     rows = len(columns["step"])
 
@@ -122,12 +139,13 @@ def drive_point(law: ContactLaw, initial_stress: Sequence[float], legs: Sequence
         return np.concatenate([values, np.repeat(values[-1:], nodes - rows, axis=0)])[:, None, :]
 
     return Trial(
-        filled("stress_xx", "stress_yy", "stress_xy"),
+        with_pressure(filled("stress_xx", "stress_yy", "stress_xy"), datum),
         filled("strain_xx", "strain_yy", "strain_xy"),
         filled("coordination")[..., 0],
         filled("fabric_anisotropy_1", "fabric_anisotropy_2"),
         np.array([rows - 1]),
         law.description.nstate,
+        filled("pore_pressure")[..., 0] - datum if law.effects.pore_fluid else None,
     )
 
 
@@ -159,7 +177,8 @@ def differences(
     dict of str to ndarray, shape (npt,)
         One entry for each of `QUANTITIES`.
     """
-    pressure = np.maximum(-0.5 * (reference.stress[..., 0] + reference.stress[..., 1]), 1e-300)
+    carried = reference.effective
+    pressure = np.maximum(-0.5 * (carried[..., 0] + carried[..., 1]), 1e-300)
     stress = reference.stress - other.stress
     strain: NDArray[Any]
     if stiffness_of_points is None:

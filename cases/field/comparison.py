@@ -13,6 +13,8 @@ from granfabric.cases.records import files
 from granfabric.cases.records.record import Record
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.terminal.screen import Screen, spread
+from granfabric.constitutive.parameters import Material
+from granfabric.constitutive.pore_fluid import fluid_stiffness
 from granfabric.constitutive.stiffness import moduli_per_contact
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
@@ -92,6 +94,8 @@ def _displacement_error(scene: Any, space: Space, step: StepResult) -> float | N
     # Points of higher degree: those of the element may be where its displacement is best.
     fine = Space(space.host_mesh, space.element, quadrature_degree=2 * space.order + 2)
     bulk, shear = moduli(scene.material)
+    if scene.effects.pore_fluid is True and not scene.stage[-1].drained:
+        bulk += fluid_stiffness(Material(**scene.material.model_dump()))
     exact = closed_forms.displacement(scene.closed_form, fine.points[:, 0], fine.points[:, 1], bulk, shear)
     if exact is None:
         return None

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.cases.records.field_history import invariants
-from granfabric.cases.scene import build
+from granfabric.cases.scene import build, pore_fluid
 from granfabric.cases.scene.reader import LoadedScene
+from granfabric.constitutive.effective_stress import with_pressure
 from granfabric.constitutive.law import ContactLaw
 
 from .random_field import random_field
@@ -42,8 +43,33 @@ def stress(loaded: LoadedScene, points: Array) -> Array:
     return values
 
 
+def with_water(
+    loaded: LoadedScene, law: ContactLaw, points: Array, effective: Array, material_index: NDArray[np.int32] | None
+) -> tuple[Array, Array | None]:
+    """Total stress, shape (npt, 3) [Pa], and state, if it is not what the law makes of that stress alone.
+
+    Raises
+    ------
+    InputError
+        As `random_state`.
+    """
+    if not law.effects.pore_fluid or not pore_fluid.is_given(loaded.scene):
+        return effective, random_state(loaded, law, points, effective, material_index)
+    pressure = pore_fluid.at_start(loaded.scene, points)
+    total = with_pressure(effective, -pressure)
+    state = random_state(loaded, law, points, total, material_index, pore_pressure=pressure)
+    if state is None:
+        state = law.initial_state(total, material_index, pore_pressure=pressure)
+    return total, state
+
+
 def random_state(
-    loaded: LoadedScene, law: ContactLaw, points: Array, initial_stress: Array, material_index: NDArray[np.int32] | None
+    loaded: LoadedScene,
+    law: ContactLaw,
+    points: Array,
+    initial_stress: Array,
+    material_index: NDArray[np.int32] | None,
+    **water: Array,
 ) -> Array | None:
     """State with a random coordination number, shape (npt, nstate); None if the scene has no random state.
 
@@ -67,7 +93,7 @@ def random_state(
             f"random_state: the coordination number would run from {coordination.min():.4g} to "
             f"{coordination.max():.4g}, outside of ({low:g}, {high:g}); use a smaller standard_deviation",
         )
-    return law.initial_state(initial_stress, material_index, coordination=coordination)
+    return law.initial_state(initial_stress, material_index, coordination=coordination, **water)
 
 
 def _bounds(loaded: LoadedScene, law: ContactLaw) -> tuple[float, float]:

@@ -53,7 +53,7 @@ def stages(scene: Any) -> list[Stage]:
             for load in part.closed_form
         ]
         loads += [BodyForce((load.value[0], load.value[1]), load.region) for load in part.body_force]
-        made.append(Stage(part.name, loads, part.increments, part.keep))
+        made.append(Stage(part.name, loads, part.increments, part.keep, part.drained))
     return made
 
 
@@ -146,7 +146,8 @@ def prepare(loaded: LoadedScene) -> Prepared:
     except MeshError as error:
         raise loaded.error(["mesh"], f"mesh: {error}") from error
     point_index = None if index is None else index[space.point_cell]
-    stress = initial_state.stress(loaded, space.points)
+    effective = initial_state.stress(loaded, space.points)
+    stress, state = initial_state.with_water(loaded, law, space.points, effective, point_index)
     try:
         problem = Problem(
             space,
@@ -154,7 +155,7 @@ def prepare(loaded: LoadedScene) -> Prepared:
             stages(scene),
             initial_stress=stress,
             material_index=point_index,
-            initial_state=initial_state.random_state(loaded, law, space.points, stress, point_index),
+            initial_state=state,
             balance_initial_stress=scene.initial.balance,
         )
     except (LoadError, MeshError) as error:

@@ -82,7 +82,8 @@ def _curves(above: Any, below: Any, columns: dict[str, NDArray[Any]], scene: dic
         above.plot(x, y, color=BLACK, **marker)
         above.set(xlabel=x_label, ylabel=y_label, title="Response")
     else:
-        above.plot(place, columns["q"] / columns["p"], color=BLACK, label="of the mean stress", **marker)
+        carried = columns.get("effective_p", columns["p"])
+        above.plot(place, columns["q"] / carried, color=BLACK, label="of the mean stress", **marker)
         above.plot(place, columns["stress_ratio_largest"], color=RED, linestyle="--", label="largest of all points")
         above.set(xlabel=label, ylabel="stress ratio $q/p$ [-]", title="Stress ratio")
         above.legend()
@@ -101,6 +102,8 @@ UNITS = {
     "reaction": (1e-3, "kN/m"),
     "stress": (1e-3, "kPa"),
     "p": (1e-3, "kPa"),
+    "pore": (1e-3, "kPa"),
+    "effective": (1e-3, "kPa"),
     "q": (1e-3, "kPa"),
     "strain": (1e6, "$10^{-6}$"),
 }

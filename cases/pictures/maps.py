@@ -33,16 +33,28 @@ def _magnitude(mesh: Any, name: str) -> Array:
     return np.asarray(np.linalg.norm(values, axis=1))
 
 
-def _stress(mesh: Any, place: int) -> Array:
-    return np.asarray(mesh.point_data["stress"], dtype=np.float64)[:, place]
+def _stress(mesh: Any, place: int, name: str = "stress") -> Array:
+    return np.asarray(mesh.point_data[name], dtype=np.float64)[:, place]
 
 
-def _pressure(mesh: Any) -> Array:
-    return -(_stress(mesh, 0) + _stress(mesh, 4)) / 2
+def _carried(mesh: Any) -> str:
+    """Stress of the skeleton: the effective one where there is pore fluid."""
+    return "effective_stress" if "effective_stress" in mesh.point_data else "stress"
+
+
+def _pressure(mesh: Any, name: str = "stress") -> Array:
+    return -(_stress(mesh, 0, name) + _stress(mesh, 4, name)) / 2
 
 
 def _stress_ratio(mesh: Any) -> Array:
-    return np.asarray(np.hypot((_stress(mesh, 0) - _stress(mesh, 4)) / 2, _stress(mesh, 1)) / _pressure(mesh))
+    deviator = np.hypot((_stress(mesh, 0) - _stress(mesh, 4)) / 2, _stress(mesh, 1))
+    return np.asarray(deviator / _pressure(mesh, _carried(mesh)))
+
+
+def _pore_pressure(mesh: Any) -> Array:
+    if "pore_pressure" not in mesh.point_data:
+        return np.zeros(len(mesh.points))
+    return np.asarray(mesh.point_data["pore_pressure"], dtype=np.float64).ravel()
 
 
 def _displacement(mesh: Any, axis: int) -> Array:
@@ -83,6 +95,9 @@ MAPS: dict[str, Map] = {
     "stress_xx": Map("Stress xx", r"$\sigma_{xx}$ [kPa]", "magma", lambda last, _: _stress(last, 0) / 1e3),
     "stress_yy": Map("Stress yy", r"$\sigma_{yy}$ [kPa]", "magma", lambda last, _: _stress(last, 4) / 1e3),
     "stress_xy": Map("Shear stress xy", r"$\sigma_{xy}$ [kPa]", "coolwarm", lambda last, _: _stress(last, 1) / 1e3),
+    "pore_pressure": Map(
+        "Pore pressure", "pore pressure $u$ [kPa]", "Blues", lambda last, _: _pore_pressure(last) / 1e3
+    ),
     "displacement_x": Map(
         "Displacement x", r"$u_x$ [$10^{-6}$ m]", "coolwarm", lambda last, _: _displacement(last, 0) * 1e6
     ),

@@ -31,7 +31,7 @@ def horizontal(columns: Columns, scene: dict[str, Any]) -> tuple[NDArray[np.floa
         name = max(ranges, key=lambda key: ranges[key])
         symbol = {"strain_xx": r"\varepsilon_{xx}", "strain_yy": r"\varepsilon_{yy}", "strain_xy": r"\gamma_{xy}"}[name]
         return columns[name] * 1e6, f"strain ${symbol}$ [$10^{{-6}}$]"
-    ratio = columns["q"] / columns["p"]
+    ratio = columns["q"] / columns.get("effective_p", columns["p"])
     if np.ptp(ratio) > 1e-3:
         return ratio, "stress ratio $q/p$ [-]"
     return columns["p"] / 1e3, "mean pressure $p$ [kPa]"
@@ -108,8 +108,9 @@ def _line(axes: Any, x: NDArray[np.float64], y: NDArray[np.float64], colour: str
 
 def _stress_path(axes: Any, columns: Columns) -> None:
     """Stress path in the plane of deviator components, where principal stress rotation is a turn."""
-    x = -(columns["stress_xx"] - columns["stress_yy"]) / 2 / columns["p"]
-    y = -columns["stress_xy"] / columns["p"]
+    carried = columns.get("effective_p", columns["p"])
+    x = -(columns["stress_xx"] - columns["stress_yy"]) / 2 / carried
+    y = -columns["stress_xy"] / carried
     axes.plot(x, y, color=BLACK)
     axes.plot(x[0], y[0], "o", color=BLACK, markersize=5, markerfacecolor="white")
     axes.plot(x[-1], y[-1], "o", color=BLACK, markersize=5)

@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.constitutive.contract import LawDescription
+from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
+
+from . import pore_columns
 
 Array = NDArray[np.float64]
 
@@ -30,6 +33,7 @@ class FieldHistory:
     """Rows of a field run's history.
 
     Means are volume averages, named as the columns of a point's history; p and q belong to the mean stress.
+    With pore fluid stress, p and q are the total ones, `effective_p` is p' and the largest stress ratio is q/p'.
     Coordination and fabric anisotropy (magnitudes) have means and extremes over the integration points. For each
     boundary that carries loads or supports: the mean displacement of its nodes [m]; for each that is supported: the
     force of the supports on the body [N/m].
@@ -53,6 +57,7 @@ class FieldHistory:
             *LEADING,
             *BODY,
             *(NETWORK if self._has_network else ()),
+            *(pore_columns.PORE if pore_columns.has_pore_pressure(description) else ()),
             *COUNTS,
             *(f"displacement_{name}_{axis}" for name in boundaries for axis in "xy"),
             *(f"reaction_{name}_{axis}" for name in supported for axis in "xy"),
@@ -88,14 +93,16 @@ class FieldHistory:
         mean_strain, mean_stress = self._weights @ strain, self._weights @ stress
         p, q = invariants(mean_stress[None, :])
         values = [*mean_strain.tolist(), *mean_stress.tolist(), float(p[0]), float(q[0])]
+        wet = pore_columns.has_pore_pressure(self._description)
+        water = pore_columns.values(self._weights, float(p[0]), state, self._description) if wet else []
         if not self._has_network:
-            return values
+            return values + water
         coordination = state[:, self._description.columns("coordination")][:, 0]
-        pressures, deviators = invariants(stress)
+        pressures, deviators = invariants(effective_stress(stress, state, self._description))
         fabric = np.linalg.norm(state[:, self._description.columns("fabric_anisotropy")], axis=1)
         values += [float(self._weights @ coordination), float(coordination.min()), float(coordination.max())]
         values += [float(self._weights @ fabric), float(fabric.max()), float((deviators / pressures).max())]
-        return values
+        return values + water
 
 
 def invariants(stress: Array) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from granfabric.cases.errors import unknown
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.scene.toml_text import to_toml
 from granfabric.constitutive.contract import LawDescription
+from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.fem.equilibrium.results import FailedPoint
 
 from . import files
@@ -33,6 +34,7 @@ def failed_point_scene(point: FailedPoint, description: LawDescription, scene: d
         material = dict(list(scene["materials"].values())[point.material_index])
         material.pop("region")
     state = {}
+    effective = effective_stress(point.stress_start, point.state_start, description)
     for variable in description.state:
         values = point.state_start[description.columns(variable.name)].tolist()
         state[variable.name] = values if len(values) > 1 else values[0]
@@ -43,7 +45,7 @@ def failed_point_scene(point: FailedPoint, description: LawDescription, scene: d
         "description": f"From {scene['title']!r}: {point.message}",
         "material": material,
         **{section: scene[section] for section in ("closure", "effects", "integration") if section in scene},
-        "initial": {"stress": point.stress_start.tolist(), "state": state},
+        "initial": {"stress": effective.tolist(), "state": state},
         "path": [
             {
                 "control": ["strain", "strain", "strain"],

@@ -43,6 +43,11 @@ def law(loaded: LoadedScene, effects: Effects) -> ContactLaw:
         raise loaded.error(_place(loaded, str(error)), str(error)) from error
 
 
+def pore_pressure(loaded: LoadedScene, law: ContactLaw) -> float:
+    """Pore pressure with which a point scene starts [Pa]; 0 if the law carries none."""
+    return float(loaded.scene.initial.pore_pressure) if law.effects.pore_fluid else 0.0
+
+
 def _place(loaded: LoadedScene, text: str) -> tuple[str, ...]:
     """Key that a sentence of the law begins with; where several materials have it, one that came from a file."""
     found = re.match(r"(\w+)\.(\w+)", text)

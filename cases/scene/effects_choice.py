@@ -12,7 +12,7 @@ from typing import Any
 from granfabric.cases.errors import InputError
 from granfabric.constitutive.effects import Effects
 
-from . import accuracy
+from . import accuracy, pore_fluid
 from .reader import LoadedScene
 
 AUTO = "auto"
@@ -22,6 +22,7 @@ WITH_MEMORY, WITHOUT_MEMORY = "shifted_distribution", "mean_field"
 SLIDING, SPREAD, FEEDBACK = "sliding", "irreversible_spread", "stiffness_feedback"
 PEAK = "peak_stress_ratio"
 """Parameter of a material without which sliding means nothing."""
+FLUID, BULK = pore_fluid.EFFECT, pore_fluid.BULK
 TOLERANCE = 1e-2
 """Error that may be left out if a scene says nothing."""
 
@@ -66,7 +67,8 @@ def asked(scene: Any, name: str) -> bool | str:
     """What a scene says about an effect or the memory: True, False or "auto"."""
     if name != MEMORY:
         said: bool | str = getattr(scene.effects, name)
-        return said
+        # a scene that gives a pore pressure asks for what carries it
+        return said if name != FLUID or said is False else pore_fluid.is_given(scene) or said
     said = scene.closure.force_change
     return said if said == AUTO else said == WITH_MEMORY
 
@@ -94,12 +96,19 @@ def sliding_is_possible(scene: Any) -> bool:
     )
 
 
+def is_possible(scene: Any, name: str) -> bool:
+    """Whether the scene gives the parameters without which an effect, or the memory, means nothing."""
+    if name == SLIDING:
+        return sliding_is_possible(scene)
+    return name != FLUID or any(pore_fluid.has_fluid(section) for section in material_sections(scene).values())
+
+
 def everything(scene: Any) -> EffectSet:
-    """All that a scene does not rule out: "auto" is on, but sliding only with parameters of its own."""
+    """All that a scene does not rule out: "auto" is on, but what needs parameters of its own only with them."""
     values = {}
     for name in Effects.names():
         said = asked(scene, name)
-        values[name] = said if isinstance(said, bool) else name != SLIDING or sliding_is_possible(scene)
+        values[name] = said if isinstance(said, bool) else is_possible(scene, name)
     change = scene.closure.force_change
     made = EffectSet(Effects(**values), WITH_MEMORY if change == AUTO else change)
     return made.completed()
@@ -137,6 +146,20 @@ def check(loaded: LoadedScene) -> None:
             ["effects", SLIDING],
             f"effects.{SLIDING} = true needs {place}.{PEAK}, which is not given (and should be looked at together with "
             "the other parameters of sliding)",
+        )
+    if asked(scene, FLUID) is True and not is_possible(scene, FLUID):
+        pressure = pore_fluid.is_given(scene) and scene.effects.pore_fluid == AUTO
+        what = "initial: a pore pressure" if pressure else f"effects.{FLUID} = true"
+        places = ", ".join(f"{key}.{BULK}" for key in material_sections(scene))
+        raise loaded.error(
+            ["initial"] if pressure else ["effects", FLUID],
+            f"{what} needs the bulk modulus of what fills the pores, {places} [Pa] (2.2e9 for water); none is given",
+        )
+    if asked(scene, FLUID) is False and pore_fluid.is_given(scene):
+        raise loaded.error(
+            ["effects", FLUID],
+            f"effects.{FLUID} = false leaves nothing that carries the pore pressure of [initial]: turn it on (a stage "
+            "with drained = true keeps pore pressures as they are), or give no pore pressure",
         )
 
 

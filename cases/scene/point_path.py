@@ -12,7 +12,9 @@ def legs_of(scene: Any) -> list[Leg]:
     made = []
     for part in scene.path:
         if part.rotation_degrees is not None:
-            made.append(Leg(rotation_degrees=part.rotation_degrees, increments=part.increments))
+            made.append(
+                Leg(rotation_degrees=part.rotation_degrees, increments=part.increments, drained=part.drained)
+            )
         else:
             made.append(
                 Leg(
@@ -20,6 +22,7 @@ def legs_of(scene: Any) -> list[Leg]:
                     target=tuple(part.target),
                     increments=part.increments,
                     relative=part.relative,
+                    drained=part.drained,
                 )
             )
     return made

@@ -20,7 +20,7 @@ from .schema_dem import DemScene
 from .schema_initial import FieldInitial, PointInitial, RandomState
 from .schema_law import ClosureSection, EffectsSection, IntegrationSection, MaterialSection, NamedMaterialSection
 from .schema_mesh import Mesh
-from .schema_stage import Solver, StageSection
+from .schema_stage import DRAINED, Solver, StageSection
 
 MapName = Literal[
     "coordination",
@@ -33,6 +33,7 @@ MapName = Literal[
     "stress_xy",
     "displacement_x",
     "displacement_y",
+    "pore_pressure",
 ]
 """Fields that the picture of a field run may show; `plots_maps.py` knows how."""
 
@@ -53,6 +54,7 @@ class PathLeg(Section):
         default=None, description="rotation of the principal stress axes over the leg, anticlockwise [degrees]"
     )
     increments: Increments = Field(default=20, description="equal increments of the leg")
+    drained: bool = Field(default=False, description=DRAINED)
 
     @model_validator(mode="after")
     def _one_way(self) -> PathLeg:

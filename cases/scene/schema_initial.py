@@ -9,11 +9,14 @@ from pydantic import Field, model_validator
 
 from .schema_base import Pair, Positive, Section, Triple
 
+STRESS = "xx, yy, xy [Pa], tension positive; the effective stress, where there is pore fluid"
+PRESSURE = "of the pore fluid [Pa], compression positive; added to the initial stress, which is the effective one"
+
 
 class Initial(Section):
     """State before any loading."""
 
-    stress: Triple = Field(description="xx, yy, xy [Pa], tension positive")
+    stress: Triple = Field(description=STRESS)
 
     @model_validator(mode="after")
     def _compressive(self) -> Initial:
@@ -36,7 +39,8 @@ class Initial(Section):
 class PointInitial(Section):
     """State of a point before any loading; with `state` from the middle of a run, as `failed_point.toml` has it."""
 
-    stress: Triple = Field(description="xx, yy, xy [Pa], tension positive")
+    stress: Triple = Field(description=STRESS)
+    pore_pressure: float = Field(default=0.0, description=PRESSURE)
     state: dict[str, float | list[float]] | None = Field(
         default=None, description="every state variable of the law by name, if not those of the packing"
     )
@@ -47,6 +51,8 @@ class PointInitial(Section):
             Initial(stress=self.stress)
         elif not self.stress[0] / 2 + self.stress[1] / 2 < 0.0:  # in the middle of a run q may exceed p
             raise ValueError("the initial stress needs a positive mean pressure (tension is positive)")
+        if self.state is not None and self.pore_pressure:
+            raise ValueError("pore_pressure goes with the state of a packing; a whole state has one of its own")
         return self
 
 
@@ -59,11 +65,25 @@ class FieldInitial(Initial):
         description="rise of xx, yy, xy along y [Pa/m]; of yy the unit weight, where the ground is level",
     )
     reference_point: Pair = Field(default=[0.0, 0.0], description="where `stress` holds: x, y [m]")
+    pore_pressure: float = Field(default=0.0, description=PRESSURE + "; with a gradient, at the `reference_point`")
+    pore_pressure_gradient: Pair = Field(default=[0.0, 0.0], description="rise of it along x and y [Pa/m]")
+    water_level: float | None = Field(
+        default=None, description="y of the water table [m]: hydrostatic pore pressure below it, none above it"
+    )
+    water_unit_weight: Positive = Field(default=9810.0, description="by which it rises below the water table [N/m3]")
     balance: bool = Field(
         default=False,
         description="constant reference forces balance what initial stress and loads at the outset leave; otherwise it "
         "fades out over the first stage",
     )
+
+    @model_validator(mode="after")
+    def _one_pressure(self) -> FieldInitial:
+        if self.water_level is not None and (self.pore_pressure or any(self.pore_pressure_gradient)):
+            raise ValueError(
+                "water_level gives a pore pressure of its own: leave out pore_pressure and pore_pressure_gradient"
+            )
+        return self
 
     def _homogeneous(self) -> bool:
         return not any(self.stress_gradient_x) and not any(self.stress_gradient_y)

@@ -16,6 +16,9 @@ Components = Annotated[list[Component], Field(min_length=1, max_length=2, descri
 Boundary = Annotated[str, Field(description="physical curve of the mesh, or the name of a part of one")]
 
 
+DRAINED = "pore fluid can leave: its pressure stays as it is, the skeleton carries every change"
+
+
 class FixedLoad(Section):
     """Components of the displacement of a boundary held where they are at the start of the stage."""
 
@@ -71,6 +74,7 @@ class StageSection(Section):
 
     name: Annotated[Line, Field(min_length=1, max_length=80)] = Field(description="of the stage; names must differ")
     increments: Increments = Field(default=20, description="load steps to begin with")
+    drained: bool = Field(default=False, description=DRAINED)
     keep: bool = Field(default=True, description="keep what earlier stages set and this one does not name")
     fixed: list[FixedLoad] = Field(default=[], description="boundaries held where they are")
     fixed_point: list[FixedPointLoad] = Field(default=[], description="nodes held where they are")

@@ -219,7 +219,7 @@ def put_ends(call, block, lane, point, options):
             given = block["inputs"][IN_CONTROL + i, lane] < 0.5
             call.strain_increment[point, i] = call.given[point, i] if given else block["sums"][6 + i, lane]
             total += call.strain_increment[point, i]
-    for i in range(call.state_start.shape[1]):
+    for i in range(call.micro_of_column.shape[0]):
         call.state_end[point, i] = block["ends"][call.micro_of_column[i], lane]
         total += call.state_end[point, i]
     if not abs(total) < math.inf:

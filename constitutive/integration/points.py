@@ -92,7 +92,7 @@ def split_changes(first, end, call, block, closure, options, rule, lanes):
             # rows without a column are zero, whatever the lane held before
             for row in range(MICRO):
                 block["ends"][row, lane] = 0.0
-            for i in range(call.state_end.shape[1]):
+            for i in range(call.micro_of_column.shape[0]):
                 block["ends"][call.micro_of_column[i], lane] = call.state_end[point, i]
             for i in range(3):
                 block["ends"][MICRO + i, lane] = call.stress_end[point, i]
@@ -102,7 +102,7 @@ def split_changes(first, end, call, block, closure, options, rule, lanes):
             point = start + lane
             if call.status[point] <= LIMITED and call.counts[point, 0] > 0:
                 total = 0.0
-                for i in range(call.state_end.shape[1]):
+                for i in range(call.micro_of_column.shape[0]):
                     call.state_end[point, i] = block["ends"][call.micro_of_column[i], lane]
                     total += call.state_end[point, i]
                 if not abs(total) < math.inf:

@@ -172,7 +172,7 @@ def take_point(inputs, lane, point, given, stress_start, state_start, par, micro
         OK, NOT_FINITE, NOT_ADMISSIBLE or NO_PRESSURE: with the last three the point cannot be advanced.
     """
     finite = True
-    for i in range(state_start.shape[1]):
+    for i in range(micro_of_column.shape[0]):
         value = state_start[point, i]
         finite = finite & (abs(value) < math.inf)
         inputs[micro_of_column[i], lane] = value

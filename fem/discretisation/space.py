@@ -59,6 +59,11 @@ class Space:
         Gradients of the shape functions [1/m].
     shape_values : ndarray, shape (nq, nb)
         Shape functions at the points of a cell; the same in every cell.
+    reference_points, reference_nodes : ndarray, shapes (nq, 2), (nb, 2)
+        Points and nodes of a cell in reference coordinates.
+    reference_weights : ndarray, shape (nq,)
+    is_curved : bool
+        Whether cells are as curved as the element can represent.
 
     Raises
     ------
@@ -88,6 +93,10 @@ class Space:
         self.element_nodes = np.ascontiguousarray(basis.element_dofs.T.astype(np.int32))
         fields = [basis.basis[i][0] for i in range(basis.Nbfun)]
         self.points_per_cell = int(basis.X.shape[1])
+        self.reference_points = np.ascontiguousarray(basis.X.T)
+        self.reference_weights = np.array(basis.W)
+        self.reference_nodes = np.array(self._scalar_element.doflocs)
+        self.is_curved = self._geometry is not host_mesh.mesh
         self.points = _point_major(np.asarray(basis.global_coordinates()))
         self.weights = np.ascontiguousarray(basis.dx.reshape(-1))
         gradients = np.stack([_point_major(field.grad) for field in fields], axis=1)

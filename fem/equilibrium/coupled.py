@@ -74,6 +74,7 @@ class CoupledRun(Run):
             return 0.0 if resume is None else resume.fraction, STOPPED
         with self._accounting.phase("setup"):
             system.constrain(terms.constrained)
+            system.material.law = self._problem.law_of(index)
         if memory is None:
             # A new stage turns the direction of loading, for which the last converged tangent is a bad guide.
             report = system.material.still_tangent(control.tangent_kind)

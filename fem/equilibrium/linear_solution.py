@@ -70,9 +70,19 @@ class LinearSolution:
         self._internal = system.internal_force.copy()
         self._reference = np.zeros(problem.space.ndofs)
         self._done = 0
-        report = system.material.still_tangent("elastic")
+        self._ask_stiffness()
+
+    def _ask_stiffness(self) -> None:
+        report = self._system.material.still_tangent("elastic")
         if report.failed:
             raise LinearSolutionError(f"the initial state has no stiffness: {report.message}")
+
+    def _use_law(self, index: int) -> None:
+        """Draining changes the stiffness: once a stage, and only where the one before was different."""
+        law = self._problem.law_of(index)
+        if law is not self._system.material.law:
+            self._system.material.law = law
+            self._ask_stiffness()
 
     def next_stage(self) -> StageSolution:
         """Solve the next stage.
@@ -85,6 +95,7 @@ class LinearSolution:
         terms = problem.program.terms[index]
         with system.accounting.phase("setup"):
             system.constrain(terms.constrained)
+            self._use_law(index)
             start = stage_start(problem, index, self._displacement, self._internal, self._reference)
         self._reference = start.reference
         tangent = system.material.tangent_start
@@ -93,7 +104,7 @@ class LinearSolution:
             change[terms.constrained] = target_displacement(terms, start) - start.displacement[terms.constrained]
             end = external_force(problem, index, start, 1.0)
             right_hand_side = (end - self._internal)[system.free]
-            if change.any():
+            if system.any(change):
                 right_hand_side -= system.forces.tangent_times(tangent, change, system.scratch)[system.free]
         solves = 0
         if system.worth_solving(right_hand_side, end):

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.fem.linear_solvers.direct import FactorisationError
-from granfabric.fem.vectors import norm
 
 if TYPE_CHECKING:
     from .residual import Equilibrium
@@ -91,9 +90,9 @@ def _evaluate(system: Equilibrium, displacement: Array, external: Array) -> tupl
     with system.accounting.phase("assembly"):
         system.forces.internal_force(system.material.stress_end, system.internal_trial)
         residual = external[system.free] - system.internal_trial[system.free]
-        size = norm(residual)
-        scale = max(system.force_scale, norm(system.internal_trial), norm(external))
-        rounding = np.finfo(np.float64).eps * norm(system.forces.magnitude)
+        size = system.norm(residual)
+        scale = max(system.force_scale, system.norm(system.internal_trial), system.norm(external))
+        rounding = np.finfo(np.float64).eps * system.norm(system.forces.magnitude)
         floor = max(system.control.absolute_tolerance, ROUNDING_MULTIPLE * rounding)
     if not np.isfinite(size):
         return None, "the residual is not finite", 0.5, -1
@@ -130,7 +129,7 @@ def newton_step(system: Equilibrium, prescribed: Array, external: Array, guess: 
         moved = np.zeros_like(displacement)
         moved[system.constrained] = prescribed - displacement[system.constrained]
         right_hand_side = external[free] - system.internal_force[free]
-        if moved.any():
+        if system.any(moved):
             action = system.forces.tangent_times(system.material.tangent_start, moved, system.scratch)
             right_hand_side -= action[free]
             displacement += moved
@@ -145,7 +144,7 @@ def newton_step(system: Equilibrium, prescribed: Array, external: Array, guess: 
             outcome.reason, outcome.proposed_factor, outcome.failed_point = message, factor, point
             return outcome
         outcome.residuals.append(current.relative)
-        before = max(norm(right_hand_side), current.norm)
+        before = max(system.norm(right_hand_side), current.norm)
         while current.norm > current.allowed(control.tolerance):
             if outcome.iterations >= control.maximum_iterations:
                 outcome.reason = (

@@ -73,6 +73,14 @@ class Equilibrium:
         """Name of the direct solver in use."""
         return self._direct.name
 
+    def norm(self, vector: Array) -> float:
+        """Euclidean norm of a vector of degrees of freedom."""
+        return norm(vector)
+
+    def any(self, vector: Array) -> bool:
+        """Whether anything in a vector differs from zero."""
+        return bool(vector.any())
+
     def refresh_internal_force(self) -> None:
         """Internal forces of the committed stress."""
         self.forces.internal_force(self.material.stress_start, self.internal_force)

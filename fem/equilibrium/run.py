@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granfabric.fem.accounting import Accounting
 from granfabric.fem.loads.problem import Problem
@@ -58,9 +59,15 @@ class Run:
         self._on_checkpoint = on_checkpoint
         self._accounting = Accounting(clock=clock)
         with self._accounting.phase("setup"):
-            self._system = Equilibrium(problem, control, self._accounting)
-            self._nodes = named_nodes(problem.space)
+            self._system = self._make_system()
+            self._nodes = self._make_nodes()
         self._failed_point: FailedPoint | None = None
+
+    def _make_system(self) -> Equilibrium:
+        return Equilibrium(self._problem, self._control, self._accounting)
+
+    def _make_nodes(self) -> dict[str, NDArray[np.int64]]:
+        return named_nodes(self._problem.space)
 
     def execute(self, resume: StepResult | None, memory: SolverMemory | None) -> RunSummary:
         """Run all stages, or what is left of them; see `granfabric.fem.equilibrium.stepping.solve`."""

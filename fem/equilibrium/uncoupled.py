@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from granfabric.fem.linear_solvers.tangent import FactorMemory
-from granfabric.fem.vectors import Array, norm
+from granfabric.fem.vectors import Array
 
 from .checkpoint import SolverMemory
 from .linear_solution import LinearSolution, LinearSolutionError, StageSolution
@@ -39,7 +39,7 @@ class UncoupledRun(Run):
 
     def __init__(self, *arguments: Any, **more: Any) -> None:
         super().__init__(*arguments, **more)
-        self._scale = norm(self._system.internal_force)
+        self._scale = self._system.norm(self._system.internal_force)
         self._committed = 0.0
         self._failure = ""
 
@@ -118,7 +118,7 @@ class UncoupledRun(Run):
     def _advance(self, index: int, solution: StageSolution, end: float) -> int:
         """States at a position within the stage; substeps over all points, -1 if a point cannot get there."""
         control, material = self._control, self._system.material
-        if not solution.strain.any():
+        if not self._system.any(solution.strain):
             # a zero increment changes nothing, so the law need not be asked
             self._committed = end
             return 0
@@ -154,9 +154,9 @@ class UncoupledRun(Run):
         system = self._system
         with self._accounting.phase("assembly"):
             system.refresh_internal_force()
-            rounding = np.finfo(np.float64).eps * norm(system.forces.magnitude)
-            residual = norm((external - system.internal_force)[system.free])
-            self._scale = max(self._scale, norm(system.internal_force), norm(external))
+            rounding = np.finfo(np.float64).eps * system.norm(system.forces.magnitude)
+            residual = system.norm((external - system.internal_force)[system.free])
+            self._scale = max(self._scale, system.norm(system.internal_force), system.norm(external))
         allowed = max(
             self._control.tolerance * self._scale, self._control.absolute_tolerance, ROUNDING_MULTIPLE * rounding
         )

@@ -191,12 +191,15 @@ class Stage:
     keep : bool
         What an earlier stage set and this one does not name: if True it stays as it is; if False forces fade to zero
         and boundaries are released (their reactions fade to zero).
+    drained : bool
+        The law is the one without what drains, `law.drained()`; laws that have none stay as they are.
     """
 
     name: str
     loads: Sequence[Load] = field(default_factory=list)
     increments: int = 1
     keep: bool = True
+    drained: bool = False
 
     def __post_init__(self) -> None:
         whole = isinstance(self.increments, (int, np.integer)) and not isinstance(self.increments, bool)

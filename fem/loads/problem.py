@@ -61,6 +61,7 @@ class Problem:
     ) -> None:
         self.space = space
         self.law = law
+        self._drained: Law = law.drained() if hasattr(law, "drained") else law
         self.stages = list(stages)
         self.program = LoadProgram(space, self.stages)
         refuse_loose_bodies(space, self.program.terms)
@@ -83,6 +84,10 @@ class Problem:
         if state.shape != (space.npoints, nstate):
             raise LoadError(f"the initial state must have shape ({space.npoints}, {nstate}), not {state.shape}")
         self.initial_state: Array = np.ascontiguousarray(state)
+
+    def law_of(self, index: int) -> Law:
+        """The law in a stage: the problem's own, or what that is while water can leave."""
+        return self._drained if self.stages[index].drained else self.law
 
     @property
     def starts_loaded(self) -> bool:

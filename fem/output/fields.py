@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.constitutive.contract import LawDescription
+from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.fem.discretisation.projection import Projection
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
@@ -65,6 +66,10 @@ def point_fields(result: StepResult, description: LawDescription) -> dict[str, A
         "stress": padded_tensor(result.stress, zz=zz),
         "strain": padded_tensor(result.strain, shear_factor=0.5),
     }
+    if description.has_state("pore_pressure"):
+        carried = effective_stress(result.stress, result.state, description)
+        pressure = result.state[:, description.columns("pore_pressure")].ravel()
+        fields["effective_stress"] = padded_tensor(carried, zz=None if zz is None else zz + 0.0 * pressure)
     for variable in description.state:
         columns = result.state[:, description.columns(variable.name)]
         if variable.components == 1:

@@ -37,12 +37,16 @@ def mesh(seed: int, width: float = 1.0, height: float = 2.0, n: int = 6) -> Any:
     return meshio.Mesh(np.column_stack([x, y, 0 * x]), [("triangle", cells)], point_data=data)
 
 
-LAST, FIRST = mesh(1), mesh(2)
+LAST, FIRST, WET = mesh(1), mesh(2), mesh(1)
+"""`WET` has a pore pressure as well, so that q/p is that of the effective stress."""
+WET.point_data["pore_pressure"] = 2e4 + 1e4 * np.random.default_rng(3).normal(size=len(WET.points))
+WET.point_data["effective_stress"] = WET.point_data["stress"].copy()
+WET.point_data["effective_stress"][:, [0, 4]] += WET.point_data["pore_pressure"][:, None]
 
 
 def expected() -> dict[str, tuple[str, str, np.ndarray]]:
     """Title, label and values of each map, written out."""
-    data = LAST.point_data
+    data = WET.point_data
     xx, yy, xy = (data["stress"][:, place] for place in (0, 4, 1))
     p, q = -(xx + yy) / 2, np.sqrt(((xx - yy) / 2) ** 2 + xy**2)
     fabric = np.sqrt(data["fabric_anisotropy"][:, 0] ** 2 + data["fabric_anisotropy"][:, 1] ** 2)
@@ -53,10 +57,11 @@ def expected() -> dict[str, tuple[str, str, np.ndarray]]:
         "coordination_change": ("Change of coordination", "$z - z(0)$ [-]", change),
         "fabric_anisotropy": ("Fabric and its direction", "fabric anisotropy $a_c$ [-]", fabric),
         "mean_pressure": ("Mean pressure", "mean pressure $p$ [kPa]", p / 1e3),
-        "stress_ratio": ("Stress ratio", "stress ratio $q/p$ [-]", q / p),
+        "stress_ratio": ("Stress ratio", "stress ratio $q/p$ [-]", q / (p - data["pore_pressure"])),
         "stress_xx": ("Stress xx", r"$\sigma_{xx}$ [kPa]", xx / 1e3),
         "stress_yy": ("Stress yy", r"$\sigma_{yy}$ [kPa]", yy / 1e3),
         "stress_xy": ("Shear stress xy", r"$\sigma_{xy}$ [kPa]", xy / 1e3),
+        "pore_pressure": ("Pore pressure", "pore pressure $u$ [kPa]", data["pore_pressure"] / 1e3),
         "displacement_x": ("Displacement x", r"$u_x$ [$10^{-6}$ m]", u[:, 0]),
         "displacement_y": ("Displacement y", r"$u_y$ [$10^{-6}$ m]", u[:, 1]),
     }
@@ -89,7 +94,7 @@ def test_every_map_is_tested() -> None:
 @pytest.mark.parametrize("name", MAPS)
 def test_values_units_and_colour_bar_of_a_map(name: str, pictures: dict[str, Any]) -> None:
     title, label, values = expected()[name]
-    axes, bar = drawn_map(name, LAST, FIRST, cloud(), pictures)
+    axes, bar = drawn_map(name, WET, FIRST, cloud(), pictures)
     assert words(axes) == (title, "x [m]", "y [m]")
     assert bar.get_ylabel() == label
     coloured = shading(axes)
@@ -99,6 +104,15 @@ def test_values_units_and_colour_bar_of_a_map(name: str, pictures: dict[str, Any
     np.testing.assert_allclose(triangulation.y, LAST.points[:, 1])
     # colours end where half a per cent of the nodes lies beyond on either side
     np.testing.assert_allclose(coloured.get_clim(), np.quantile(values, [0.005, 0.995]), rtol=1e-12)
+
+
+def test_without_pore_fluid_the_stress_ratio_is_that_of_the_stress(pictures: dict[str, Any]) -> None:
+    stress = LAST.point_data["stress"]
+    q = np.hypot((stress[:, 0] - stress[:, 4]) / 2, stress[:, 1])
+    axes, _ = drawn_map("stress_ratio", LAST, FIRST, cloud(), pictures)
+    np.testing.assert_allclose(shading(axes).get_array(), -2 * q / (stress[:, 0] + stress[:, 4]), rtol=1e-12)
+    axes, _ = drawn_map("pore_pressure", LAST, FIRST, cloud(), pictures)
+    assert not np.asarray(shading(axes).get_array()).any()
 
 
 def test_a_homogeneous_field_has_one_colour_and_no_contours(pictures: dict[str, Any]) -> None:

@@ -404,6 +404,7 @@ def test_table_of_convergence(
 FACTS = Numbers(
     stress_ratio=0.31, stress_ratio_way=0.6, off_axis=0.042, turn_degrees=33.0, pressure_rise=0.2, pressure_fall=0.5,
     reversal=0.11, gain_bound=3.2e-4, loss=0.145, stiffness_change=0.27, low_pressure_fraction=0.012,
+    excess_pressure=0.0,
 )  # fmt: skip
 
 

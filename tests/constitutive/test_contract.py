@@ -284,7 +284,8 @@ def test_parameter_names_are_those_of_the_table():
     assert names[material_table.PAR_SHEAR] == "shear_reduction"
     assert names[material_table.PAR_FABRIC_XY] == "initial_fabric_xy"
     assert names[material_table.PAR_M_CV] == "constant_volume_stress_ratio"
-    assert len(names) == material_table.PAR_COHESION + 1
+    assert names[material_table.PAR_COHESION] == "apparent_cohesion"
+    assert len(names) == material_table.PAR_FLUID_POROSITY + 1
     assert names[material_table.PAR_KN] == "normal_stiffness"
     assert names[material_table.PAR_C_N] == "force_anisotropy_ratio"
     assert PRESSURE / 1e9 == 1e-4

@@ -25,6 +25,7 @@ PACKING = Material(coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9
 OWN_PARAMETERS = {
     "contact_loss": ("force_density_at_zero", "force_density_slope"),
     "contact_gain": ("gap_density_at_zero", "neighbours"),
+    "pore_fluid": ("fluid_bulk_stiffness", "fluid_porosity"),
     "sliding": (
         *("peak_stress_ratio", "first_yield_stress_ratio", "reference_plastic_strain", "dilatancy"),
         *("constant_volume_stress_ratio", "apparent_cohesion"),
@@ -36,6 +37,7 @@ OWN_COLUMNS = {
     "contact_gain": ("coordination_gained", "fabric_gained"),
     "irreversible_spread": ("force_spread",),
     "sliding": ("plastic_shear_strain",),
+    "pore_fluid": ("pore_pressure",),
 }
 MEMORY_COLUMNS = ("force_shift", "force_shift_anisotropy")
 OFF = [name for name in OWN_PARAMETERS if name in Effects.names()]

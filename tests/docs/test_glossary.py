@@ -40,7 +40,8 @@ def test_no_name_in_the_glossary_is_made_up() -> None:
     columns = {name for kind in glossary.columns().values() for name in kind}
     arrays = {
         *(variable.name for variable in glossary.all_state_variables()),
-        *("stress", "strain", "displacement", "status", "radius", "contacts", "bears_force", "pressure"),
+        *("stress", "strain", "displacement", "status", "effective_stress", "radius", "contacts"),
+        *("bears_force", "pressure"),
         *("normal_force", "tangential_force", "mobilisation"),
     }
     for name in glossary.file_names():

@@ -14,6 +14,8 @@ from .project import (
     LEADING,
     MEANS,
     POINT_COLUMNS,
+    PORE,
+    PORE_COLUMNS,
     SLIDING_COLUMNS,
     Effects,
     Material,
@@ -42,7 +44,11 @@ def declared() -> dict[str, Variable]:
 
 def columns() -> dict[str, tuple[str, ...]]:
     """Columns of histories with fixed names, by kind of run."""
-    return {"point": (*POINT_COLUMNS, *SLIDING_COLUMNS), "field": (*LEADING, *MEANS, *COUNTS), "dem": DEM_COLUMNS}
+    return {
+        "point": (*POINT_COLUMNS, *SLIDING_COLUMNS, *PORE_COLUMNS),
+        "field": (*LEADING, *MEANS, *PORE, *COUNTS),
+        "dem": DEM_COLUMNS,
+    }
 
 
 def sections() -> list[dict]:

@@ -9,6 +9,7 @@ from granfabric.cases.commands.convergence import COLUMNS as CONVERGENCE_COLUMNS
 from granfabric.cases.fit.report import ROW_COLUMNS as DATA_COLUMNS
 from granfabric.cases.records import files
 from granfabric.cases.records.field_history import COUNTS, LEADING, MEANS
+from granfabric.cases.records.pore_columns import PORE
 from granfabric.cases.scene.catalogue import shipped
 from granfabric.cases.scene.schema import json_schema
 from granfabric.cases.verify.map.compare import CURVE_COLUMNS, MAP_COLUMNS
@@ -16,7 +17,7 @@ from granfabric.cases.verify.table import COLUMNS as VERIFY_COLUMNS
 from granfabric.constitutive.contract import LawDescription, Variable
 from granfabric.constitutive.effects import Effects
 from granfabric.constitutive.parameters import CLOSURE_NUMBERS, INTEGRATION_NUMBERS, Closure, Material
-from granfabric.constitutive.path import POINT_COLUMNS, SLIDING_COLUMNS
+from granfabric.constitutive.path import POINT_COLUMNS, PORE_COLUMNS, SLIDING_COLUMNS
 from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
 from granfabric.constitutive.plain_laws.von_mises import VonMisesLaw, VonMisesMaterial
 from granfabric.constitutive.state import state_variables
@@ -34,6 +35,8 @@ __all__ = [
     "MAP_COLUMNS",
     "MEANS",
     "POINT_COLUMNS",
+    "PORE",
+    "PORE_COLUMNS",
     "SLIDING_COLUMNS",
     "VERIFY_COLUMNS",
     "Closure",
