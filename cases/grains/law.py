@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -24,13 +24,19 @@ from granfabric.dem_ref.measures.contacts import (
     sliding_fraction,
 )
 from granfabric.dem_ref.sample.disks import Sample
+from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 
 from . import packing_columns
 from .drive import Pace, drive
 from .network_stiffness import network_stiffness
 
 LOST_PRESSURE = 1e-2
-"""Of the pressure that a packing was made with: below, it carries nothing (its unbalanced force is zero then too)."""
+"""Of the pressure that a packing began with: below, it carries nothing (its unbalanced force is zero then too)."""
+CARRIED = 1e-3
+"""Of the pressure: by how much the stress of a packing may be off the initial one."""
+LARGEST_INCREMENT = 5e-3
+"""Norm of the strain increment of one call above which a point asks for a smaller one: it would take minutes, and is a
+trial far off."""
 KEPT = 4096
 """Stiffnesses of start states that are remembered."""
 
@@ -70,6 +76,16 @@ class GrainsLaw:
         tangent.
     threads : int, optional
         Points at work side by side, as many as numba may use if not given; the same bits for any number.
+    lost_pressure : float, optional
+        Mean pressure below which a packing carries nothing [Pa]; a hundredth of the one it began with if not given.
+
+    Attributes
+    ----------
+    on_points : callable, optional
+        Told within a call how many points are done, and of how many.
+    stop : callable, optional
+        Asked before each point within a call whether to leave it.
+    work : Work
 
     Raises
     ------
@@ -78,19 +94,28 @@ class GrainsLaw:
     """
 
     def __init__(
-        self, packings: Sequence[Sample], pace: Pace | None = None, secant: bool = True, threads: int | None = None
+        self,
+        packings: Sequence[Sample],
+        pace: Pace | None = None,
+        secant: bool = True,
+        threads: int | None = None,
+        lost_pressure: float | None = None,
     ) -> None:
         self._packings = [packing.copy() for packing in packings]
         counts = {packing.count for packing in self._packings}
         if len(counts) != 1:
             raise ArrayError(f"packings at points need the same number of disks, these have {sorted(counts)}")
         self.disks = counts.pop()
+        if self.disks > packing_columns.MOST_DISKS:
+            raise ArrayError(f"{self.disks} disks at a point are more than the {packing_columns.MOST_DISKS} that fit")
         self.pace = pace or Pace()
         self._secant = secant
         self._threads = threads
+        self._lost = lost_pressure
+        self.on_points: Callable[[int, int], None] | None = None
+        self.stop: Callable[[], bool] | None = None
         self._stiffness: dict[bytes, Array] = {}
         self._lock = threading.Lock()
-        self._pressure = [-0.5 * float(love_weber_stress(p)[:2].sum()) for p in self._packings]
         hidden = Variable("packing", "the packing itself", "m", packing_columns.width(self.disks), hidden=True)
         self._description = LawDescription("grains", (*MEASURED, hidden), ())
         self.work = Work()
@@ -114,20 +139,47 @@ class GrainsLaw:
             If it is another.
         """
         stress, _ = stress_and_index(stress, material_index, 1)
+        return self.rows([self._packings[point % len(self._packings)] for point in range(len(stress))], stress)
+
+    def rows(self, samples: Sequence[Sample], stress: Array) -> Array:
+        """State of points from packings at rest that were loaded to the stress of each point.
+
+        Parameters
+        ----------
+        samples : sequence of Sample
+            One a point; point i began as the law's packing i modulo their number, and has its disks.
+        stress : ndarray, shape (npt, 3)
+            [Pa], tension positive.
+
+        Returns
+        -------
+        ndarray, shape (npt, nstate)
+
+        Raises
+        ------
+        ArrayError
+            If a packing carries another stress.
+        """
         state = np.zeros((len(stress), self._description.nstate))
-        for point, wanted in enumerate(stress):
-            number = point % len(self._packings)
-            sample = self._packings[number]
-            found, pressure = love_weber_stress(sample), self._pressure[number]
-            if np.abs(found - wanted).max() > 1e-3 * pressure:
+        for point, (sample, wanted) in enumerate(zip(samples, stress, strict=True)):
+            found, pressure = love_weber_stress(sample), -0.5 * float(wanted[0] + wanted[1])
+            if not np.abs(found - wanted).max() <= CARRIED * pressure:
                 raise ArrayError(
                     f"point {point}: its packing carries {np.round(found, 1).tolist()} Pa, not the initial stress "
                     f"{np.round(wanted, 1).tolist()} Pa"
                 )
-            self._write(sample, number, 0, state[point])
+            self._write(sample, point % len(self._packings), pressure, 0, state[point])
         return state
 
-    def _write(self, sample: Sample, number: int, steps: int, row: Array) -> None:
+    def packing(self, row: Array) -> Sample:
+        """The packing of a row of the state, shape (nstate,)."""
+        return packing_columns.read(row[MEASURES:], self._packings)
+
+    def lost_pressure(self, row: Array) -> float:
+        """Pressure below which the packing of a row of the state has lost it [Pa]."""
+        return LOST_PRESSURE * float(row[MEASURES + 1]) if self._lost is None else self._lost
+
+    def _write(self, sample: Sample, number: int, pressure: float, steps: int, row: Array) -> None:
         contacts = contacts_of(sample)
         forces = force_harmonics(contacts)
         measured = [
@@ -139,8 +191,8 @@ class GrainsLaw:
             sliding_fraction(sample, contacts),
             float(steps),
         ]
+        packing_columns.write(sample, number, pressure, row[MEASURES:])
         row[:MEASURES] = measured
-        packing_columns.write(sample, number, row[MEASURES:])
 
     def update(
         self,
@@ -166,20 +218,33 @@ class GrainsLaw:
         status = np.zeros(npoints, dtype=np.int8)
         steps = np.zeros(npoints, dtype=np.int64)
 
-        def one(point: int) -> None:
-            status[point], steps[point] = self._advance(point, arrays, tangent_kind)
+        left = self.stop or (lambda: False)
 
-        threads = self._threads or numba.get_num_threads()
-        if threads > 1 and npoints > 1:
-            with ThreadPoolExecutor(threads) as pool:
-                list(pool.map(one, range(npoints)))
-        else:
-            for point in range(npoints):
-                one(point)
+        def one(point: int) -> bool:
+            if left():
+                return False
+            status[point], steps[point] = self._advance(point, arrays, tangent_kind)
+            return True
+
+        self._each(one, npoints)
         self.work = replace(self.work, steps=int(steps.sum()))
         ones = np.ones(npoints, dtype=np.int32)
         failed = bool((status > Status.LIMITED).any())
         return UpdateReport(status, ones, np.zeros_like(ones), 0.5 if failed else 1.0)
+
+    def _each(self, one: Callable[[int], bool], npoints: int) -> None:
+        """All points, side by side if there are threads; told as they are done, and left when asked to stop."""
+        threads = self._threads or numba.get_num_threads()
+        pool = ThreadPoolExecutor(threads) if threads > 1 and npoints > 1 else None
+        tell = self.on_points or (lambda done, total: None)
+        try:
+            for done, whole in enumerate((pool.map if pool else map)(one, range(npoints)), start=1):
+                if not whole:
+                    raise KeyboardInterrupt
+                tell(done, npoints)
+        finally:
+            if pool:
+                pool.shutdown(cancel_futures=True)
 
     def _advance(self, point: int, arrays: UpdateArrays, kind: TangentKind) -> tuple[int, int]:
         """One point: its status and the steps that it took."""
@@ -197,19 +262,24 @@ class GrainsLaw:
             return Status.NOT_FINITE, 0
         if not increment.any():
             return Status.OK, 0
-        sample = packing_columns.read(start[MEASURES:], self._packings)
+        if not float(np.hypot(np.hypot(*increment[:2]), increment[2])) <= LARGEST_INCREMENT:
+            return Status.NOT_CONVERGED, 0
+        sample = self.packing(start)
         before = love_weber_stress(sample)
         try:
             driven = drive(sample, increment, self.pace)
-        except UnstableMotionError:
+        except (UnstableMotionError, CellTooSmallError):
             return Status.NOT_FINITE, 0
-        number = int(start[MEASURES])
         if not driven.at_rest:
             return Status.NOT_CONVERGED, driven.steps
-        if not -0.5 * float(driven.stress[:2].sum()) > LOST_PRESSURE * self._pressure[number]:
+        if not -0.5 * float(driven.stress[:2].sum()) > self.lost_pressure(start):
             return Status.NO_PRESSURE, driven.steps
         change = driven.stress - before
-        self._write(sample, number, int(start[MEASURES - 1]) + driven.steps, state_end)
+        number, pressure, steps = int(start[MEASURES]), float(start[MEASURES + 1]), int(start[MEASURES - 1]) + driven.steps
+        try:
+            self._write(sample, number, pressure, steps, state_end)
+        except packing_columns.PackingError:
+            return Status.NOT_ADMISSIBLE, driven.steps
         stress_end[:] = stress_start + change
         if wanted and self._secant and kind != "elastic":
             arrays.tangent[point] = network + np.outer(change - network @ increment, increment) / (increment @ increment)
@@ -221,7 +291,7 @@ class GrainsLaw:
         with self._lock:
             known = self._stiffness.get(key)
         if known is None:
-            known = network_stiffness(packing_columns.read(start[MEASURES:], self._packings))
+            known = network_stiffness(self.packing(start))
             with self._lock:
                 if len(self._stiffness) >= KEPT:
                     self._stiffness.clear()

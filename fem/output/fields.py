@@ -81,6 +81,16 @@ def point_fields(result: StepResult, description: LawDescription) -> dict[str, A
     return fields
 
 
+def shown_part(description: LawDescription) -> tuple[LawDescription, NDArray[np.int64] | None]:
+    """The law without the variables that writers pass over, and the columns of those that stay; None if all do."""
+    shown = tuple(variable for variable in description.state if not variable.hidden)
+    if len(shown) == len(description.state):
+        return description, None
+    every = np.arange(description.nstate)
+    columns = [every[description.columns(variable.name)] for variable in shown]
+    return replace(description, state=shown), np.concatenate(columns)
+
+
 class FieldWriter:
     """Write one `.vtu` of fields and one of integration points a step, and keep `result.pvd`, `points.pvd` up to date.
 
@@ -111,7 +121,7 @@ class FieldWriter:
     ) -> None:
         self.folder = Path(folder)
         self._space = space
-        self._description = description
+        self._description, self._shown = shown_part(description)
         self._projection = Projection(space)
         self._grids = {
             FIELDS: GridWriter(padded_vector(space.nodes), _CELL_TYPES[space.element], _counter_clockwise(space)),
@@ -173,6 +183,8 @@ class FieldWriter:
         OutputError
         """
         extra = extra_fields or {}
+        if self._shown is not None:
+            result = replace(result, state=result.state[:, self._shown])
         at_points = {**point_fields(result, self._description), **extra}
         # Projected before it is padded: less than half of the columns.
         recover = self._projection
