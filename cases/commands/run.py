@@ -13,10 +13,12 @@ import numpy as np
 
 from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
+from granfabric.cases.effects.decision import Decision
 from granfabric.cases.effects.resolve import resolve_field
 from granfabric.cases.errors import InputError
 from granfabric.cases.field import comparison, initial_balance, locking, mesh_error_estimate, mesh_table
 from granfabric.cases.field.prepare import prepare
+from granfabric.cases.grains import field as grains_field
 from granfabric.cases.records import files, pore_columns, resumption
 from granfabric.cases.records.field_history import FieldHistory
 from granfabric.cases.records.field_recorder import FieldRecorder
@@ -25,6 +27,7 @@ from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import write_failed_point
 from granfabric.cases.scene import build, effects_choice
 from granfabric.cases.scene.reader import LoadedScene
+from granfabric.cases.scene.schema_law_kind import is_grains
 from granfabric.cases.terminal.compile_watch import CompileWatch, watching
 from granfabric.cases.terminal.early_kernels import EarlyKernels
 from granfabric.cases.terminal.interruption import interrupt_request
@@ -103,13 +106,19 @@ def run_field(
             resumption.earlier_record(folder)
             hold.enter_context(files.held(folder, owner, resume=True))
             earlier = resumption.earlier_record(folder)
-        effects_choice.check(loaded)
+        grains = is_grains(loaded.scene)
+        if not grains:
+            effects_choice.check(loaded)
         prepared = prepare(loaded)
         hosts.check(team, loaded, prepared.problem)
         second_order = loaded.scene.mesh.element.endswith("2")
         mesh_table.show(prepared.problem.space.host_mesh, screen, second_order)
         waited = 0.0 if earlier is not None else _compile(loaded, kernels, watch, stop)
-        loaded, prepared, decision = resolve_field(loaded, prepared, earlier, stop())
+        decision: Decision | None = None
+        if grains:
+            prepared = grains_field.begin(loaded, prepared, team, screen, stop)
+        else:
+            loaded, prepared, decision = resolve_field(loaded, prepared, earlier, stop())
         problem = prepared.problem
         record = Record(
             folder, loaded.name, resolved(loaded, prepared.effects), scene_file=owner.place, since=since
@@ -143,9 +152,11 @@ def run_field(
         if earlier is not None:
             waited = _compile(loaded, kernels, watch, stop)
         else:
-            record.details["decision"] = effects_report.as_data(decision)
-            effects_report.announce(decision, problem.law.description.linear_response, screen)
-        locking.tell(loaded.scene, record, screen)
+            if decision is not None:
+                record.details["decision"] = effects_report.as_data(decision)
+                effects_report.announce(decision, problem.law.description.linear_response, screen)
+        if not grains:
+            locking.tell(loaded.scene, record, screen)
         balance = initial_balance.Balance(problem)
         if earlier is not None:
             initial_balance.continue_from(balance, earlier, record)
@@ -154,6 +165,7 @@ def run_field(
             screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
             record.phase("run", watch),
         ):
+            advance = grains_field.watched(problem.law, advance, stop)
             history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
             try:
                 recorder = FieldRecorder(
@@ -183,13 +195,13 @@ def run_field(
             except (OutputError, OSError) as error:
                 raise record.broken_off(f"results cannot be written any more: {error}") from error
             except KeyboardInterrupt as error:
-                raise record.broken_off("interrupted within a step") from error
+                raise record.broken_off(f"interrupted within a step{grains_field.how_to_go_on(problem.law)}") from error
         _finish(record, summary, stop.requested, balance, problem.law.description)
         if summary.failed_point is not None and record.outcome == "failed":
-            write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
+            write_failed_point(folder, summary.failed_point, problem.law, record.scene)
         record.timing["compilation"] = watch.seconds + waited
         audit = None
-        if record.outcome == "finished" and resumed is None:  # else the stress_paths of the first part are not known
+        if record.outcome == "finished" and resumed is None and not grains:  # else the stress_paths of the first part are not known
             with record.phase("audit", watch):
                 audit = effects_audit.audit_field(loaded, problem, stress_paths)
         if record.outcome == "finished" and loaded.scene.closed_form is not None:
@@ -283,7 +295,7 @@ def _failed_place(record: Record, summary: RunSummary, description: LawDescripti
     ratio = deviator / pressure if pressure > 0.0 else 0.0
     if ratio:
         said += f", q/p = {ratio:.3g}"
-    if ratio > UNBOUNDED and not record.scene["effects"]["sliding"]:
+    if ratio > UNBOUNDED and "effects" in record.scene and not record.scene["effects"]["sliding"]:
         said += "; without effects.sliding the law has no strength, and q/p grows with the strain"
     return f"{said}; {files.FAILED_POINT} holds it)"
 

@@ -8,7 +8,10 @@ from typing import Any
 from granfabric.cases.scene import build
 from granfabric.cases.scene.effects_choice import resolve_effects
 from granfabric.cases.scene.reader import LoadedScene
+from granfabric.cases.scene.schema_law_kind import is_grains
 from granfabric.cases.scene.schema_mesh import SHAPES
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.control import ControlError, StepControl
 from granfabric.fem.linear_solvers.direct import LinearSolverError, make_solver
@@ -30,6 +33,7 @@ def _linear(value: float, gradient: list[float]) -> Any:
 
 POINTS = {"P1": 1, "P2": 3, "Q1": 4, "Q2": 9}
 """Integration points of an element."""
+STAND_IN = LinearElasticLaw(ElasticMaterial(1.0, 0.0))
 BYTES_PER_POINT = 600
 """Stress, strain, state and tangent of a point at the start and the end of a step; the matrix comes on top."""
 
@@ -139,15 +143,18 @@ def prepare(loaded: LoadedScene) -> Prepared:
     mesh = read_or_make_mesh(loaded)
     check_groups(loaded, mesh)
     index = material_index(loaded, mesh)
-    effects = resolve_effects(scene)
-    law = build.law(loaded, effects)
+    effects = None if is_grains(scene) else resolve_effects(scene)
+    # grains take the place of the elastic law once all else has been checked, because packings take time to make
+    law = STAND_IN if effects is None else build.law(loaded, effects)
     try:
         space = Space(mesh, scene.mesh.element, scene.mesh.quadrature_degree)
     except MeshError as error:
         raise loaded.error(["mesh"], f"mesh: {error}") from error
     point_index = None if index is None else index[space.point_cell]
     effective = initial_state.stress(loaded, space.points)
-    stress, state = initial_state.with_water(loaded, law, space.points, effective, point_index)
+    stress, state = effective, None
+    if isinstance(law, ContactLaw):
+        stress, state = initial_state.with_water(loaded, law, space.points, effective, point_index)
     try:
         problem = Problem(
             space,
