@@ -52,7 +52,7 @@ FLOORS: dict[str, tuple[str, ...]] = {
         *("preparation", "ensemble"),
     ),
     "cases": (
-        *("errors", "terminal", "scene", "records", "field", "pictures", "effects", "fit", "verify", "cost"),
+        *("errors", "terminal", "scene", "grains", "records", "field", "pictures", "effects", "fit", "verify", "cost"),
         *("commands", "__main__"),
     ),
 }

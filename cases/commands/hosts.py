@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from granfabric.cases.errors import InputError
+from granfabric.cases.scene.schema_law_kind import is_grains
 
 if TYPE_CHECKING:
     from granfabric.fem.fenicsx.team import Team
@@ -76,6 +77,8 @@ def check(team: Team | None, loaded: Any, problem: Any) -> None:
     """
     if team is None:
         return
+    if is_grains(loaded.scene):
+        raise loaded.error(["law", "kind"], "law.kind = 'grains' runs on the own host only; leave out --host")
     from granfabric.fem.fenicsx.distribution import DistributionError, check_space
 
     solver = loaded.scene.solver.linear_solver

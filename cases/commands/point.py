@@ -9,9 +9,7 @@ from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.resolve import resolve_point
 from granfabric.cases.field import memory
-from granfabric.cases.grains import point as grains_point
 from granfabric.cases.grains.law import GrainsLaw
-from granfabric.cases.grains.point import PointStart
 from granfabric.cases.grains.point_path import drive_point
 from granfabric.cases.records import files, pore_columns
 from granfabric.cases.records.pulling import pulling_stress
@@ -26,6 +24,9 @@ from granfabric.cases.terminal.compile_watch import watching
 from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.constitutive.path import PathHistory, drive
+
+from . import point_start
+from .point_start import PointStart
 
 COMPILATION_SECONDS = 75
 """Rough time to compile the kernels of the point law, for the message on first use."""
@@ -72,7 +73,7 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
     files.check_output(folder, owner, overwrite)
     for text in remarks(loaded.scene):
         screen.say(text)
-    made = grains_point.begin(loaded, screen) if is_grains(loaded.scene) else _begin(loaded, screen)
+    made = point_start.begin(loaded, screen) if is_grains(loaded.scene) else _begin(loaded, screen)
     loaded, scene, effects, law = made.loaded, made.loaded.scene, made.effects, made.law
     with files.held(folder, owner, overwrite):
         files.prepare_output(folder, owner, overwrite)

@@ -16,9 +16,8 @@ from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.decision import Decision
 from granfabric.cases.effects.resolve import resolve_field
 from granfabric.cases.errors import InputError
-from granfabric.cases.field import comparison, initial_balance, locking, mesh_error_estimate, mesh_table
+from granfabric.cases.field import comparison, grains_run, initial_balance, locking, mesh_error_estimate, mesh_table
 from granfabric.cases.field.prepare import prepare
-from granfabric.cases.grains import field as grains_field
 from granfabric.cases.records import files, pore_columns, resumption
 from granfabric.cases.records.field_history import FieldHistory
 from granfabric.cases.records.field_recorder import FieldRecorder
@@ -116,7 +115,7 @@ def run_field(
         waited = 0.0 if earlier is not None else _compile(loaded, kernels, watch, stop)
         decision: Decision | None = None
         if grains:
-            prepared = grains_field.begin(loaded, prepared, team, screen, stop)
+            prepared = grains_run.begin(loaded, prepared, screen, stop)
         else:
             loaded, prepared, decision = resolve_field(loaded, prepared, earlier, stop())
         problem = prepared.problem
@@ -165,7 +164,7 @@ def run_field(
             screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
             record.phase("run", watch),
         ):
-            advance = grains_field.watched(problem.law, advance, stop)
+            advance = grains_run.watched(problem.law, advance, stop)
             history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
             try:
                 recorder = FieldRecorder(
@@ -195,13 +194,15 @@ def run_field(
             except (OutputError, OSError) as error:
                 raise record.broken_off(f"results cannot be written any more: {error}") from error
             except KeyboardInterrupt as error:
-                raise record.broken_off(f"interrupted within a step{grains_field.how_to_go_on(problem.law)}") from error
+                more = grains_run.how_to_go_on(problem.law)
+                raise record.broken_off(f"interrupted within a step{more}") from error
         _finish(record, summary, stop.requested, balance, problem.law.description)
         if summary.failed_point is not None and record.outcome == "failed":
             write_failed_point(folder, summary.failed_point, problem.law, record.scene)
         record.timing["compilation"] = watch.seconds + waited
         audit = None
-        if record.outcome == "finished" and resumed is None and not grains:  # else the stress_paths of the first part are not known
+        # of a run that goes on the stress paths of the first part are not known
+        if record.outcome == "finished" and resumed is None and not grains:
             with record.phase("audit", watch):
                 audit = effects_audit.audit_field(loaded, problem, stress_paths)
         if record.outcome == "finished" and loaded.scene.closed_form is not None:

@@ -58,8 +58,8 @@ class Driven:
 def drive(sample: Sample, increment: Array, pace: Pace) -> Driven:
     """Strain a packing at rest and let it come to rest again; it is changed in place.
 
-    An increment in one go would send a wave through the packing that opens and slides contacts: the stress is then wrong
-    by several per cent.
+    An increment in one go would send a wave through the packing that opens and slides contacts: the stress is then
+    wrong by several per cent.
 
     Parameters
     ----------

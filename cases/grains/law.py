@@ -6,7 +6,7 @@ import hashlib
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numba
 import numpy as np
@@ -54,17 +54,18 @@ MEASURES = sum(variable.components for variable in MEASURED)
 
 @dataclass(frozen=True)
 class Work:
-    """What a point has cost: steps of the motion in the last call, over all points."""
+    """What a law has cost since it was made: steps of the motion, over all points, and calls."""
 
     steps: int = 0
+    calls: int = 0
 
 
 class GrainsLaw:
     """Every point has a packing of its own; points begin as the given packings in turn.
 
-    The answer depends on the arguments alone: from the packing of the start row, the strain increment is applied in steps
-    of at most `Pace.strain_step` and held until the packing is at rest. Stresses are counted from those of the packings
-    at rest under the initial stress, so that a packing's small imbalance does not enter.
+    The answer depends on the arguments alone: from the packing of the start row, the strain increment is applied in
+    steps of at most `Pace.strain_step` and held until the packing is at rest. Stresses are counted from those of the
+    packings at rest under the initial stress, so that a packing's small imbalance does not enter.
 
     Parameters
     ----------
@@ -207,8 +208,8 @@ class GrainsLaw:
     ) -> UpdateReport:
         """Advance all points; see `granfabric.constitutive.contract.Law.update`.
 
-        The tangent is the stiffness of the network of the start state ("elastic"), corrected so that it gives the stress
-        increment of this very strain increment (else).
+        The tangent is the stiffness of the network of the start state ("elastic"), corrected so that it gives the
+        stress increment of this very strain increment (else).
         """
         arrays = update_arrays(
             (self._description.nstate, 1), strain_increment, stress_start, state_start, stress_end, state_end, tangent,
@@ -227,7 +228,7 @@ class GrainsLaw:
             return True
 
         self._each(one, npoints)
-        self.work = replace(self.work, steps=int(steps.sum()))
+        self.work = Work(self.work.steps + int(steps.sum()), self.work.calls + 1)
         ones = np.ones(npoints, dtype=np.int32)
         failed = bool((status > Status.LIMITED).any())
         return UpdateReport(status, ones, np.zeros_like(ones), 0.5 if failed else 1.0)
@@ -275,14 +276,20 @@ class GrainsLaw:
         if not -0.5 * float(driven.stress[:2].sum()) > self.lost_pressure(start):
             return Status.NO_PRESSURE, driven.steps
         change = driven.stress - before
-        number, pressure, steps = int(start[MEASURES]), float(start[MEASURES + 1]), int(start[MEASURES - 1]) + driven.steps
+        number, pressure, steps = (
+            int(start[MEASURES]),
+            float(start[MEASURES + 1]),
+            int(start[MEASURES - 1]) + driven.steps,
+        )
         try:
             self._write(sample, number, pressure, steps, state_end)
         except packing_columns.PackingError:
             return Status.NOT_ADMISSIBLE, driven.steps
         stress_end[:] = stress_start + change
         if wanted and self._secant and kind != "elastic":
-            arrays.tangent[point] = network + np.outer(change - network @ increment, increment) / (increment @ increment)
+            arrays.tangent[point] = network + np.outer(change - network @ increment, increment) / (
+                increment @ increment
+            )
         return Status.OK, driven.steps
 
     def _network(self, start: Array) -> Array:

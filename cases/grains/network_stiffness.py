@@ -17,7 +17,8 @@ from granfabric.dem_ref.sample.disks import Sample
 Array = NDArray[np.float64]
 
 LOOSE = 1e-7
-"""Of the normal stiffness: a spring to the ground for every disk, so that those without contacts stay where they are."""
+"""Of the normal stiffness: a spring to the ground for every disk, so that those without contacts stay where
+they are."""
 
 
 def network_stiffness(sample: Sample) -> Array:

@@ -1,9 +1,9 @@
 """A packing as one row of state columns, and back.
 
-What does not change while it is loaded (radii, stiffness, friction) stays outside: the row names the packing it began as.
-A row holds that number, the pressure that it began with, the periodic cell, the centres, and of each contact its key and
-its tangential elongation. A planar packing has fewer than three contacts a disk, so that eight columns a disk and six
-more are enough.
+What does not change while it is loaded (radii, stiffness, friction) stays outside: the row names the packing it began
+as. A row holds that number, the pressure that it began with, the periodic cell, the centres, and of each contact its
+key and its tangential elongation. A planar packing has fewer than three contacts a disk, so that eight columns a disk
+and six more are enough.
 """
 
 from __future__ import annotations

@@ -67,9 +67,7 @@ def drive_point(
             recorder.add(stress, now, strain, trials, 0, False)
             if on_step is not None:
                 on_step(done, total)
-    return PathHistory(
-        recorder.columns(), True, f"followed to its end in {done} increments", stress, now, strain
-    )
+    return PathHistory(recorder.columns(), True, f"followed to its end in {done} increments", stress, now, strain)
 
 
 def _increment(

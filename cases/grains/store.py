@@ -1,7 +1,7 @@
 """Packings that points begin as: made once, loaded to their stress, at rest, and kept on disk for the next run.
 
-File names carry a hash of everything that decides the numbers: the options, the stress and the sources of the DEM. A file
-that is gone, damaged or of another state of the sources is made anew, with the same bits.
+File names carry a hash of everything that decides the numbers: the options, the stress and the sources of the DEM. A
+file that is gone, damaged or of another state of the sources is made anew, with the same bits.
 """
 
 from __future__ import annotations

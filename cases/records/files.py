@@ -41,7 +41,8 @@ TABLES = (
 LOG = "run.log"
 SERIES = ("result", "points", "particles", "contacts")
 OWN_FILES = (
-    *(RECORD, HISTORY, LOG, SCENE, FAILED_POINT, FAILED_PACKING, PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
+    *(RECORD, HISTORY, LOG, SCENE, FAILED_POINT, FAILED_PACKING, PACKING, CHECKPOINT),
+    *(f"{CHECKPOINT}.part", f"{PACKING}.part"),
     *(MATERIAL, COMPARISON, MESH_ERROR, *TABLES, *(f"{name}.pvd" for name in SERIES), *PICTURES),
     *OF_DATA,
 )

@@ -7,16 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from granfabric.cases.effects.decision import Decision
+from granfabric.cases.field.grains import grains_law
+from granfabric.cases.field.grains_run import NO_EFFECTS
+from granfabric.cases.grains.law import GrainsLaw
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.scene.schema_law_kind import remarks
 from granfabric.cases.terminal.screen import Screen
 from granfabric.constitutive.contract import Array
 from granfabric.constitutive.effects import Effects
 from granfabric.constitutive.law import ContactLaw
-
-from .field import NO_EFFECTS
-from .law import GrainsLaw
-from .prepare import grains_law
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ def begin(loaded: LoadedScene, screen: Screen) -> PointStart:
     Raises
     ------
     InputError, RunError
-        As `granfabric.cases.grains.prepare.grains_law`.
+        As `granfabric.cases.field.grains.grains_law`.
     """
     for text in remarks(loaded.scene):
         screen.say(text)

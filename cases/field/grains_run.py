@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from granfabric.cases.field.prepare import Prepared
+from granfabric.cases.grains.law import GrainsLaw
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.scene.schema_law_kind import remarks
 from granfabric.cases.terminal.screen import Screen
 from granfabric.constitutive.contract import Law
 
-from .law import GrainsLaw
-from .prepare import refuse_host, with_grains
+from .grains import with_grains
+from .prepare import Prepared
 
 NO_EFFECTS = "grains at the points: disks do what disks do, there are no effects to decide or to audit"
 
@@ -19,16 +19,15 @@ Advance = Callable[[float, str], None]
 
 
 def begin(
-    loaded: LoadedScene, prepared: Prepared, team: object | None, screen: Screen, stop: Callable[[], bool]
+    loaded: LoadedScene, prepared: Prepared, screen: Screen, stop: Callable[[], bool]
 ) -> Prepared:
     """The problem with packings at its points.
 
     Raises
     ------
     InputError, RunError
-        As `granfabric.cases.grains.prepare.grains_law`, and for a host that has no grains.
+        As `granfabric.cases.field.grains.grains_law`.
     """
-    refuse_host(team)
     for text in remarks(loaded.scene):
         screen.say(text)
     made = with_grains(loaded, prepared, screen, stop)

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granfabric.cases.errors import InputError, RunError
-from granfabric.cases.field import memory
-from granfabric.cases.field.prepare import Prepared
+from granfabric.cases.errors import RunError
+from granfabric.cases.grains import packing_columns
+from granfabric.cases.grains.drive import Pace
+from granfabric.cases.grains.law import MEASURES, GrainsLaw
+from granfabric.cases.grains.store import NotCarriedError, PackingStore
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.scene.schema_dem import Packing
 from granfabric.cases.terminal.screen import Screen
@@ -23,10 +25,8 @@ from granfabric.dem_ref.sample.disks import Sample, SampleError, load_sample
 from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 from granfabric.fem.loads.problem import Problem
 
-from . import packing_columns
-from .drive import Pace
-from .law import MEASURES, GrainsLaw
-from .store import NotCarriedError, PackingStore
+from . import memory
+from .prepare import Prepared
 
 Array = NDArray[np.float64]
 
@@ -49,8 +49,8 @@ def options_of(loaded: LoadedScene, pressure: float) -> PackingOptions:
     if not SOFTEST <= ratio <= STIFFEST:
         raise loaded.error(
             ["packing", "normal_stiffness"],
-            f"packing.normal_stiffness = {section.normal_stiffness:g} Pa over the initial mean pressure {pressure:g} Pa "
-            f"is {ratio:.3g}; packings are made for {SOFTEST:g} to {STIFFEST:g}",
+            f"packing.normal_stiffness = {section.normal_stiffness:g} Pa over the initial mean pressure {pressure:g} "
+            f"Pa is {ratio:.3g}; packings are made for {SOFTEST:g} to {STIFFEST:g}",
         )
     values = section.model_dump(exclude={"particles", "seed", "grading_file", "stiffness_to_pressure"})
     if section.grading_file is not None:
@@ -173,14 +173,3 @@ def with_grains(loaded: LoadedScene, prepared: Prepared, screen: Screen, stop: C
         balance_initial_stress=problem.balance_initial_stress,
     )
     return replace(prepared, problem=made)
-
-
-def refuse_host(team: object | None) -> None:
-    """See that the own host computes.
-
-    Raises
-    ------
-    InputError
-    """
-    if team is not None:
-        raise InputError("law.kind = 'grains' runs on the own host only; leave out --host")
