@@ -3,8 +3,8 @@
 What a first day needs; everything else is in the packages below it.
 
 - one point: `Material`, `Closure`, `Effects`, `Integration`, `ContactLaw`, `Leg`, `drive`
-- a field: `rectangle`, `read_mesh`, `Space`, `Stage` and its loads, `Problem`, `StepControl`, `solve`,
-  `solve_to_folder`
+- a field: `rectangle`, `read_mesh`, `Space`, `Stage` and its loads, `geostatic_stress`, `Problem`, `StepControl`,
+  `solve`, `solve_to_folder`
 - scenes: `scene_names`, `load_scene`, `run_scene`, `read_material`
 - results: `read_results`
 - measured curves: `fit`, `compare_with_data`

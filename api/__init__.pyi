@@ -33,6 +33,7 @@ from .fem.equilibrium.control import StepControl as StepControl
 from .fem.equilibrium.results import RunSummary as RunSummary
 from .fem.equilibrium.results import StepResult as StepResult
 from .fem.equilibrium.stepping import solve as solve
+from .fem.loads.geostatic import geostatic_stress as geostatic_stress
 from .fem.loads.kinds import BodyForce as BodyForce
 from .fem.loads.kinds import Displacement as Displacement
 from .fem.loads.kinds import Fixed as Fixed

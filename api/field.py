@@ -114,6 +114,7 @@ def _solve(
         requested = requested or (stop is not None and stop())
         return requested
 
-    summary = solve(problem, control, on_step=both, stop=asked)
-    recorder.close()
+    with recorder:
+        summary = solve(problem, control, on_step=both, stop=asked)
+        recorder.close()
     return summary, requested

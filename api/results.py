@@ -26,6 +26,7 @@ KEPT_FILES = 4
 
 _SUFFIXES = {2: ("_x", "_y"), 3: ("_xx", "_yy", "_xy")}
 _DOUBLE_ANGLE = ("_1", "_2")
+_PLAIN_VECTORS = ("displacement", "principal_direction")
 
 
 def read_results(folder: str | Path) -> Results:
@@ -121,7 +122,7 @@ def _columns(name: str, values: Array) -> Iterator[tuple[str, Array]]:
         yield name, values
         return
     endings = _SUFFIXES[values.shape[1]]
-    if values.shape[1] == 2 and name != "displacement":
+    if values.shape[1] == 2 and not name.startswith(_PLAIN_VECTORS):
         endings = _DOUBLE_ANGLE
     for place, ending in enumerate(endings):
         yield name + ending, values[:, place]
@@ -142,6 +143,7 @@ class Results:
         self.record = record
         self._fields = _Series(folder, "result")
         self._points = _Series(folder, "points")
+        self._kept: tuple[Array, NDArray[np.int64], Locator] | None = None
 
     def __repr__(self) -> str:
         return f"<{self.kind} results, {self.outcome}, in {str(self.folder)!r}>"
@@ -175,8 +177,12 @@ class Results:
 
     @property
     def nodes(self) -> Array:
-        """Nodes of the mesh, shape (nnodes, 2) [m]."""
-        return np.asarray(self._fields.at(-1).points)[:, :2]
+        """Nodes of the mesh at the last step, shape (nnodes, 2) [m]; where materials meet, once more for each."""
+        return self.nodes_at(-1)
+
+    def nodes_at(self, step: int) -> Array:
+        """Nodes of what is there at a step, shape (nnodes, 2) [m]; others only where stages change the body."""
+        return np.asarray(self._fields.at(step).points)[:, :2]
 
     def names(self, step: int = -1) -> list[str]:
         """Names of the fields at a step."""
@@ -188,7 +194,9 @@ class Results:
         Parameters
         ----------
         name : str
-            "displacement", "stress", "strain" or a state variable of the law such as "coordination".
+            "displacement", "stress", "strain", what is read off the stress ("p", "q", "stress_ratio",
+            "principal_stress_major", "principal_direction_major", the same with "minor"), or a state variable of the
+            law such as "coordination".
         step : int
             Number of the step, or from the end (-1 the last written).
 
@@ -196,7 +204,8 @@ class Results:
         -------
         ndarray, shape (nnodes,), (nnodes, 2) or (nnodes, 3)
             Tensors as xx, yy, xy, tension positive [Pa]; strain with the engineering shear; vectors of second
-            harmonics in the double-angle plane.
+            harmonics in the double-angle plane. Where stages change the body, at the nodes of what is there at the step
+            (`nodes_at`).
 
         Raises
         ------
@@ -210,14 +219,22 @@ class Results:
         """The integration points, where the law itself was evaluated."""
         return PointResults(self._points)
 
-    @cached_property
-    def _locator(self) -> Locator:
-        content = self._fields.at(-1)
-        (block,) = content.cells
-        return Locator(self.nodes, block.type, block.data.astype(np.int64))
+    def _locator(self, step: int) -> Locator:
+        """Of the mesh of a step; kept from one step to the next as long as the mesh is the same."""
+        content = self._fields.at(step)
+        try:
+            kind, cells = series.elements(content)
+        except ValueError as error:
+            raise InputError(f"{self.folder / 'result.pvd'}: {error}") from error
+        nodes = np.asarray(content.points)[:, :2]
+        if self._kept is None or not (np.array_equal(self._kept[0], nodes) and np.array_equal(self._kept[1], cells)):
+            self._kept = (nodes, cells, Locator(nodes, kind, cells))
+        return self._kept[2]
 
     def at(self, x: float, y: float, step: int = -1) -> dict[str, float]:
         """Values of all fields at a place, by the shape functions of its cell (curved sides included).
+
+        Where materials meet, the values are those in one of them.
 
         Parameters
         ----------
@@ -236,15 +253,15 @@ class Results:
         InputError
             If the place lies outside of the mesh.
         """
-        table = self._table(np.array([[x, y]], dtype=np.float64), step)
-        values = {name: float(column[0]) for name, column in table.items()}
-        if any(np.isnan(value) for value in values.values()):
-            low, high = self.nodes.min(axis=0), self.nodes.max(axis=0)
+        place = np.array([[x, y]], dtype=np.float64)
+        if self._locator(step).find(place)[0][0, 0] < 0:
+            nodes = self.nodes_at(step)
+            low, high = nodes.min(axis=0), nodes.max(axis=0)
             raise InputError(
                 f"({x:g}, {y:g}) lies outside of the mesh, which reaches from ({low[0]:g}, {low[1]:g}) to "
                 f"({high[0]:g}, {high[1]:g})"
             )
-        return values
+        return {name: float(column[0]) for name, column in self._table(place, step).items()}
 
     def along(self, a: Sequence[float], b: Sequence[float], step: int = -1, number: int = 101) -> pandas.DataFrame:
         """Values of all fields along a straight line.
@@ -275,7 +292,7 @@ class Results:
         return pandas.DataFrame({**distance, **self._table(places, step)})
 
     def _table(self, places: Array, step: int) -> dict[str, Array]:
-        nodes, weights = self._locator.find(places)
+        nodes, weights = self._locator(step).find(places)
         table: dict[str, Array] = {}
         for name in self.names(step):
             values = self.field(name, step).astype(np.float64)
@@ -293,8 +310,12 @@ class PointResults:
 
     @property
     def position(self) -> Array:
-        """Where they lie, shape (npt, 2) [m]."""
-        return np.asarray(self._source.at(-1).points)[:, :2]
+        """Where they lie at the last step, shape (npt, 2) [m]."""
+        return self.position_at(-1)
+
+    def position_at(self, step: int) -> Array:
+        """Where those lie that are there at a step, shape (npt, 2) [m]."""
+        return np.asarray(self._source.at(step).points)[:, :2]
 
     def field(self, name: str, step: int = -1) -> Array:
         """A field at the integration points; as `Results.field`."""
@@ -304,7 +325,8 @@ class PointResults:
         """All fields at the integration points, a row each, with x and y [m] first."""
         import pandas
 
-        columns: dict[str, Array] = {"x": self.position[:, 0], "y": self.position[:, 1]}
+        place = self.position_at(step)
+        columns: dict[str, Array] = {"x": place[:, 0], "y": place[:, 1]}
         for name in self._source.at(step).point_data:
             columns |= dict(_columns(name, self.field(name, step)))
         return pandas.DataFrame(columns)

@@ -51,7 +51,8 @@ STATUS_TEXT: dict[Status, str] = {
     "more confinement or an effect that bounds the stress ratio",
     Status.NOT_ADMISSIBLE: "the coordination number or the fabric anisotropy would leave its admissible range; "
     "try a smaller step or the maximum-entropy distribution",
-    Status.STIFFNESS_LOST: "the stiffness is no longer positive definite in this state; try a smaller step",
+    Status.STIFFNESS_LOST: "the stiffness is no longer positive definite in this state (an isostatic one ends "
+    "where z comes to isostatic_coordination); try a smaller step",
     Status.TOO_MANY_SUBSTEPS: "the error tolerance was not met within the allowed number of substeps; "
     "try a smaller step or a looser tolerance",
     Status.NOT_FINITE: "the input holds a value that is not finite, or one so large that the result is not",

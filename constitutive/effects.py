@@ -30,6 +30,9 @@ class Effects:
     irreversible_spread : bool
         The weak forces keep a spread that grows with the largest q/p so far (closure "shifted_distribution"). If off,
         z and a_c return with the stress.
+    tangential_memory : bool
+        Contacts that have slipped hold their tangential force when the stress turns back (a_t "frictional"). If off,
+        a_t and a_n are functions of the present stress.
     sliding : bool
         Grains slide: plastic strain on a hardening cone in p and the stress ratio (see `sliding`). If off, strain is
         elastic and the stress ratio unbounded.
@@ -43,6 +46,7 @@ class Effects:
     principal_rotation: bool = True
     stiffness_feedback: bool = True
     irreversible_spread: bool = True
+    tangential_memory: bool = True
     sliding: bool = False
     pore_fluid: bool = False
 

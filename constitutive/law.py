@@ -23,6 +23,7 @@ from granfabric.constitutive.lanes.eight import LANES_OF_KERNELS
 from granfabric.constitutive.network.force_fabric import initial_force_fabric
 from granfabric.constitutive.network.point import Options
 from granfabric.constitutive.network.rates import MeanField
+from granfabric.constitutive.network.slip_memory import initially_held, slip_classes
 from granfabric.constitutive.network.weak_force_state import ShiftedDistribution
 from granfabric.constitutive.sliding.checks import check_sliding, initial_hardening
 
@@ -42,7 +43,7 @@ from .parameters import (
     rows_of,
 )
 from .pore_fluid import PoreFluid, fluid_stiffness, initial_pressure
-from .state import micro_of_columns, state_variables
+from .state import micro_of_columns, remembers, state_variables
 from .threads import run_in_threads
 from .total_control import follow_total
 
@@ -106,7 +107,8 @@ class ContactLaw:
                 check_sliding(material)
         # a network that cannot change needs no closure
         shifted = self.closure.force_change == "shifted_distribution" and self.effects.network_changes
-        self._variables = state_variables(self.effects, shifted)
+        self._remembers = remembers(self.effects, self.closure)
+        self._variables = state_variables(self.effects, shifted, self._remembers)
         self._micro = micro_of_columns(self._variables)
         self._nstate = sum(variable.components for variable in self._variables)
         self._fluid = PoreFluid([fluid_stiffness(row) for row in self.materials]) if self.effects.pore_fluid else None
@@ -132,13 +134,16 @@ class ContactLaw:
         along = (max(12, around) + 1) // 2
         half = np.pi * (np.arange(along) + 0.5) / along
         nodes, weights = np.polynomial.legendre.leggauss(self.integration.directions)
-        self._rule = (nodes, weights, np.cos(circle), np.sin(circle), np.cos(half))
+        slips = slip_classes(*self._slip)
+        self._rule = (nodes, weights, np.cos(circle), np.sin(circle), np.cos(half), slips)
 
     def _closure_of_kernels(self, entropy: bool) -> MeanField | ShiftedDistribution:
         """Numbers of the closure, of the type for which a kernel is compiled."""
         closure = self.closure
         if closure.force_change == "shifted_distribution" and self.effects.network_changes:
             return ShiftedDistribution(
+                remembers=self._remembers,
+                turns=self.effects.principal_rotation,
                 frictional=closure.tangential_rule == "frictional",
                 chi=float(closure.weak_contact_ratio),
                 following=min(1.0, max(LEAST_FOLLOWING, float(closure.weak_contact_ratio))),
@@ -164,6 +169,11 @@ class ContactLaw:
             chi=float(closure.weak_contact_ratio) if scattered else 1.0,
             c_w=float(closure.fluctuation) if scattered else 0.0,
         )
+
+    @property
+    def _slip(self) -> tuple[float, float]:
+        """c_t and k."""
+        return float(self.closure.tangential_force_ratio), float(self.closure.slip)
 
     @cached_property
     def description(self) -> LawDescription:
@@ -245,6 +255,8 @@ class ContactLaw:
             "largest_stress_ratio": np.hypot(s[:, 0], s[:, 1]),
             "pore_pressure": pressure,
         }
+        if self._remembers:
+            values |= initially_held(s, *self._slip)
         if self.effects.sliding:
             values["hardening_strain"], values["plastic_shear_strain"] = initial_hardening(table, stress)
         state = np.zeros((npt, self.description.nstate))
@@ -262,13 +274,7 @@ class ContactLaw:
             return c_n * s, 2.0 * s - fabric - c_n * s, np.ones(len(s))
         normal, tangential, mu = np.zeros_like(s), np.zeros_like(s), np.ones(len(s))
         initial_force_fabric(
-            np.ascontiguousarray(s),
-            np.ascontiguousarray(fabric),
-            float(self.closure.tangential_force_ratio),
-            float(self.closure.slip),
-            normal,
-            tangential,
-            mu,
+            np.ascontiguousarray(s), np.ascontiguousarray(fabric), *self._slip, normal, tangential, mu
         )
         return normal, tangential, mu
 

@@ -277,7 +277,7 @@ class Closure:
     distribution : {"harmonic", "maximum_entropy"}
         Directional density of contacts for a given a_c; not used by "shifted_distribution", which has its own.
     shear_stiffness : {"uniform_strain", "isostatic"}
-        G in proportion to z, or to z - z_iso.
+        G in proportion to z, or to z (z - z_iso).
     weak_contact_ratio : float
         chi: mean change of force of weak contacts over that of all contacts of their direction.
     weak_contact_ratio_isotropic : float
@@ -340,6 +340,11 @@ class Closure:
         if self.force_change == "shifted_distribution" and self.tangential == "neglected":
             return "frictional"
         return self.tangential
+
+    @property
+    def slips(self) -> bool:
+        """Whether contacts carry tangential forces up to a limit that some of them come to."""
+        return self.tangential_rule == "frictional" and self.tangential_force_ratio > 0.0 and self.slip > 0.0
 
 
 INTEGRATION_NUMBERS: dict[str, tuple[float, float]] = {

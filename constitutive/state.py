@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.constitutive.network.slip_memory import NAMES
+
 from .contract import Variable
 from .effective_stress import PORE_PRESSURE
 from .effects import Effects
@@ -14,6 +16,7 @@ from .material_table import (
     M_F,
     M_GAINED,
     M_GAMMA,
+    M_HELD,
     M_KAPPA,
     M_LARGEST_S,
     M_LOST,
@@ -25,16 +28,24 @@ from .material_table import (
     M_Z_REF,
     MICRO,
 )
+from .parameters import Closure
 
 _ALONG = "component(s) in the double-angle plane"
 
 
-def state_variables(effects: Effects, shifted: bool = False) -> tuple[Variable, ...]:
+def remembers(effects: Effects, closure: Closure) -> bool:
+    """Whether a law follows what tangential forces contacts hold."""
+    shifted = closure.force_change == "shifted_distribution"
+    return effects.tangential_memory and effects.network_changes and shifted and closure.slips
+
+
+def state_variables(effects: Effects, shifted: bool = False, remembering: bool = False) -> tuple[Variable, ...]:
     """Declaration of the state columns for an effect set.
 
     Without `principal_rotation` vectors have one component (along the x-y axes); what is gained or lost is counted only
     if that effect is on; a reference state is kept only
-    where the network changes but the stiffness does not, or the closure follows the weak forces (`shifted`).
+    where the network changes but the stiffness does not, or the closure follows the weak forces (`shifted`); what
+    contacts hold if they remember (`remembering`).
     """
     components = 2 if effects.principal_rotation else 1
     variables = [
@@ -78,6 +89,17 @@ def state_variables(effects: Effects, shifted: bool = False) -> tuple[Variable, 
             Variable("plastic_volumetric_strain", "plastic eps_xx + eps_yy, dilation positive", default=0.0),
             Variable("plastic_dissipation", "plastic work per volume", "Pa", lower=0.0, default=0.0),
         ]
+    if remembering:
+        variables += [
+            Variable(
+                name,
+                f"stress ratio that slip class {number} holds, {_ALONG}",
+                components=components,
+                lower=-2.0,
+                upper=2.0,
+            )
+            for number, name in enumerate(NAMES, 1)
+        ]
     if effects.pore_fluid:
         variables.append(PORE_PRESSURE)  # the last one, where `pore_fluid` finds it
     return tuple(variables)
@@ -103,6 +125,7 @@ _MICRO_OF = {
     "plastic_shear_strain": (M_GAMMA,),
     "plastic_volumetric_strain": (M_GAMMA + 1,),
     "plastic_dissipation": (M_GAMMA + 2,),
+    **{name: (M_HELD + 2 * number, M_HELD + 2 * number + 1) for number, name in enumerate(NAMES)},
 }
 
 

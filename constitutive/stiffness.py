@@ -10,8 +10,12 @@ on all contacts gives, in the mean ``v = e_xx + e_yy`` and deviator ``e = (e_xx 
     K = z phi kn/(2 pi) bulk_reduction,   G = z phi (kn + kt)/(4 pi) shear_reduction,   B = z phi kn/(4 pi)
 
 in either sign convention. It is positive definite exactly when ``B^2 |a_c|^2 < K G``. Real packings lose shear
-stiffness faster than contacts: the choice "isostatic" lets G fall in proportion to ``z - z_iso`` from its value at the
-initial coordination number.
+stiffness faster than contacts: their particles move the less with the mean strain the closer the packing comes to
+isostaticity. The choice "isostatic" lets the reduction itself fall in proportion to the distance from there,
+
+    G = z phi (kn + kt)/(4 pi) shear_reduction (z - z_iso)/(z(0) - z_iso)
+
+which disks follow from their initial pressure to a tenth of it, with z_iso = 3 where z is counted without rattlers.
 """
 
 import math
@@ -28,8 +32,9 @@ def moduli_per_contact(solid_fraction, kn, stiffness_ratio, bulk_reduction, shea
 
 @formula
 def isostatic_shear(shear, initial_coordination, isostatic_coordination):
-    """Slope of ``G = slope (z - z_iso)`` [Pa] that meets ``G = shear z`` at the initial coordination number."""
-    return shear * initial_coordination / (initial_coordination - isostatic_coordination)
+    """The two numbers [Pa] of ``G = z (constant + slope z)`` that vanishes at z_iso and is ``shear z`` at z(0)."""
+    slope = shear / (initial_coordination - isostatic_coordination)
+    return -slope * isostatic_coordination, slope
 
 
 @formula

@@ -16,21 +16,36 @@ from typing import Any
 
 import numba
 
+MEASURING = "inputs"
+"""Room that looks at packings and at small probes of copies, and decides about no motion but theirs."""
+
+
+@cache
+def sources_mark(motion_only: bool = False) -> str:
+    """Hash of the present sources of this package, or of those that decide how disks move along a path.
+
+    What was loaded is good as long as the second is the same; what was measured needs the first.
+    """
+    room = Path(__file__).resolve().parent
+    content = hashlib.sha256(f"{numba.__version__} {sys.version_info[:3]}".encode())
+    for source in sorted(room.rglob("*.py")):
+        if motion_only and source.relative_to(room).parts[0] == MEASURING:
+            continue
+        content.update(source.name.encode())
+        content.update(source.read_bytes())
+    return content.hexdigest()[:16]
+
 
 @cache
 def kernel_cache_directory() -> Path:
     """Folder of the machine code that belongs to the present sources of this package."""
-    content = hashlib.sha256(f"{numba.__version__} {sys.version_info[:3]}".encode())
-    for source in sorted(Path(__file__).resolve().parent.rglob("*.py")):
-        content.update(source.name.encode())
-        content.update(source.read_bytes())
     if chosen := os.environ.get("NUMBA_CACHE_DIR"):
         root = Path(chosen)
     elif base := os.environ.get("XDG_CACHE_HOME"):
         root = Path(base) / "granfabric"
     else:
         root = Path.home() / ".cache" / "granfabric"
-    return root / "dem" / content.hexdigest()[:16]
+    return root / "dem" / sources_mark()
 
 
 def compiled(**options: Any) -> Callable[[Callable], Any]:

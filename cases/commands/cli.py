@@ -18,6 +18,7 @@ from granfabric.cases.errors import InputError, RunError
 
 from .fit_options import CurvesArgument, DataOption, DataSetOption, FitOutputOption, FreeOption, MaterialFileOption
 from .hosts import HostOption, assists, leading
+from .picture_options import add_to, exit_by
 from .verify_options import (
     MaterialsOption,
     PackingSetOption,
@@ -38,7 +39,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-
 
 
 def _scene_names(context: typer.Context, incomplete: str) -> list[str]:
@@ -133,19 +133,13 @@ def _upgraded(scene: str, given: list[str], record: Any, screen: Any) -> Any:
     """The scene with what the audit of a run asks for, which is added to the assignments given so far."""
     from granfabric.cases.scene.reader import load
 
-    more = record.details["upgrade"]
-    screen.say(f"running again with {', '.join(more)}")
-    given += more
+    screen.say(f"running again with {', '.join(record.details['upgrade'])}")
+    given += record.details["upgrade"]
     return load(scene, given)
 
 
 def _folder(output: Path | None, name: str) -> Path:
-    return output if output is not None else Path("results") / name
-
-
-def _exit(outcome: str) -> None:
-    if outcome != "finished":
-        raise typer.Exit(1)
+    return output or Path("results") / name
 
 
 @app.command()
@@ -182,7 +176,7 @@ def run(
             loaded = _upgraded(scene, given, record, screen)
             record = run_field(loaded, _folder(output, loaded.name), screen, False, kernels, overwrite, team)
         accuracy_report.report(loaded, record, screen)
-        _exit(record.outcome)
+        exit_by(record.outcome)
 
 
 @app.command()
@@ -210,7 +204,7 @@ def point(
             loaded = _upgraded(scene, given, record, screen)
             record = run_point(loaded, _folder(output, loaded.name), screen, overwrite)
         accuracy_report.report(loaded, record, screen)
-        _exit(record.outcome)
+        exit_by(record.outcome)
 
 
 @app.command()
@@ -230,7 +224,7 @@ def dem(
         from .dem import run_dem
 
         loaded = load(scene, assignments or [])
-        _exit(run_dem(loaded, _folder(output, loaded.name), screen, resume, overwrite).outcome)
+        exit_by(run_dem(loaded, _folder(output, loaded.name), screen, resume, overwrite).outcome)
 
 
 @app.command()
@@ -258,7 +252,7 @@ def verify(
         from .verify_kinds import verify_as_asked
 
         choice = (particles, seeds, paths, materials, assignments or [], data or [], quick, processes)
-        _exit(verify_as_asked(output, *choice, screen, overwrite).outcome)
+        exit_by(verify_as_asked(output, *choice, screen, overwrite).outcome)
 
 
 @app.command()
@@ -278,7 +272,7 @@ def fit(
 
         folder = _folder(output, f"{Path(curves[0]).stem}_fit")
         record, _ = run_fit(curves_of(curves), folder, screen, free or [], material_file, assignments or [], overwrite)
-        _exit(record.outcome)
+        exit_by(record.outcome)
 
 
 @app.command()
@@ -298,7 +292,7 @@ def cost(
     with _speaking(quiet, verbose) as screen:
         from .cost import run_cost
 
-        _exit(run_cost(study, output, screen, quick, resume, overwrite).outcome)
+        exit_by(run_cost(study, output, screen, quick, resume, overwrite).outcome)
 
 
 @app.command()
@@ -429,6 +423,8 @@ def plot(
 
 
 from . import cli_measure as cli_measure  # noqa: E402  (takes what stands above, and adds its command)
+
+add_to(app)
 
 
 def main() -> None:

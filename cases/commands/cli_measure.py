@@ -9,7 +9,7 @@ import typer
 
 from granfabric.cases.errors import InputError
 
-from .cli import OutputOption, OverwriteOption, QuietOption, VerboseOption, _exit, _folder, _speaking, app
+from .cli import OutputOption, OverwriteOption, QuietOption, VerboseOption, _folder, _speaking, app, exit_by
 
 
 @app.command()
@@ -108,4 +108,4 @@ def measure(
             "contact_columns": None if contact_columns is None else contact_columns.replace(",", " ").split(),
             "cell": None if cell is None else cell_from(cell),
         }  # fmt: skip
-        _exit(run_measure(packing, given, _folder(output, packing.stem), screen, rattlers, loop, overwrite).outcome)
+        exit_by(run_measure(packing, given, _folder(output, packing.stem), screen, rattlers, loop, overwrite).outcome)

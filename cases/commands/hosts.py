@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 HostName = Literal["own", "fenicsx"]
 HostOption = Annotated[
     HostName,
-    typer.Option("--host", help="Who computes: own, or FEniCSx, also on many ranks (mpiexec -n N granfabric run ...)."),
+    typer.Option(
+        "--host", metavar="NAME", help="Who computes: own, or fenicsx, on many ranks by mpiexec -n N granfabric run ..."
+    ),
 ]
 
 RANKS = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "PMIX_SIZE")
@@ -87,6 +89,13 @@ def check(team: Team | None, loaded: Any, problem: Any) -> None:
             ["solver", "linear_solver"],
             f"solver.linear_solver = {solver!r}: the host 'fenicsx' uses the direct solver of its PETSc; leave it at "
             "'auto', or run with --host own",
+        )
+    if problem.changes_body:
+        place = next(k for k, stage in enumerate(problem.stages) if stage.activate or stage.deactivate)
+        raise loaded.error(
+            ["stage", place],
+            f"{loaded.label(['stage', place])}: the host 'fenicsx' keeps the body as it is; run stages that change it "
+            "with --host own",
         )
     try:
         check_space(problem.space)

@@ -17,6 +17,7 @@ from granfabric.cases.effects.decision import Decision
 from granfabric.cases.effects.resolve import resolve_field
 from granfabric.cases.errors import InputError
 from granfabric.cases.field import comparison, grains_run, initial_balance, locking, mesh_error_estimate, mesh_table
+from granfabric.cases.field.body_report import BodyReport
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.records import files, pore_columns, resumption
 from granfabric.cases.records.field_history import FieldHistory
@@ -24,6 +25,7 @@ from granfabric.cases.records.field_recorder import FieldRecorder
 from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import write_failed_point
+from granfabric.cases.records.units import units
 from granfabric.cases.scene import build, effects_choice
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.scene.schema_law_kind import is_grains
@@ -156,19 +158,29 @@ def run_field(
                 effects_report.announce(decision, problem.law.description.linear_response, screen)
         if not grains:
             locking.tell(loaded.scene, record, screen)
-        balance = initial_balance.Balance(problem)
+        balance = initial_balance.Balance(problem, getattr(loaded.scene.initial, "from") == "gravity")
         if earlier is not None:
             initial_balance.continue_from(balance, earlier, record)
         initial_balance.announce(balance, loaded, problem, record, screen)
+        report_body = BodyReport(problem, record, earlier)
         with (
             screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
             record.phase("run", watch),
         ):
             advance = grains_run.watched(problem.law, advance, stop)
             history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
+            record.details["columns"] = units(history.names)
             try:
                 recorder = FieldRecorder(
-                    folder, problem, history, loaded.scene.output.every, advance, checkpoints, resumed
+                    folder,
+                    problem,
+                    history,
+                    loaded.scene.output.every,
+                    advance,
+                    checkpoints,
+                    resumed,
+                    loaded.scene.output.compression,
+                    prepared.probes,
                 )
                 files.remove_unfinished(folder)
                 record.write()
@@ -177,18 +189,20 @@ def run_field(
                 def on_step(step: StepResult) -> None:
                     stress_paths.add(step)
                     initial_balance.report_release(balance, step, record, screen)
+                    report_body(step, screen)
                     recorder(step)
 
-                summary = (solve if team is None else team.solve)(
-                    problem,
-                    prepared.control,
-                    on_step=on_step,
-                    stop=stop,
-                    resume=resumed,
-                    on_checkpoint=recorder.save,
-                    clock=watch.clock,
-                )
-                recorder.close()
+                with recorder:
+                    summary = (solve if team is None else team.solve)(
+                        problem,
+                        prepared.control,
+                        on_step=on_step,
+                        stop=stop,
+                        resume=resumed,
+                        on_checkpoint=recorder.save,
+                        clock=watch.clock,
+                    )
+                    recorder.close()
             except ControlError as error:
                 raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
             except (OutputError, OSError) as error:
@@ -197,6 +211,8 @@ def run_field(
                 more = grains_run.how_to_go_on(problem.law)
                 raise record.broken_off(f"interrupted within a step{more}") from error
         _finish(record, summary, stop.requested, balance, problem.law.description)
+        record.timing["output"] += recorder.closing
+        record.timing["writer"] = recorder.writing
         if summary.failed_point is not None and record.outcome == "failed":
             write_failed_point(folder, summary.failed_point, problem.law, record.scene)
         record.timing["compilation"] = watch.seconds + waited

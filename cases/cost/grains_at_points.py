@@ -216,7 +216,8 @@ def draw(path: Path, table: Sequence[Row]) -> None:
             axes[2].barh(-place, row["seconds"], color=BLUE)
             text = f"{row['seconds']:.3g} s, {row['newton_iterations']} it."
             axes[2].text(row["seconds"] + 0.02 * longest, -place, text, va="center", color=BLACK, fontsize=9)
-        axes[2].set_yticks([-place for place in range(len(part))], [row["series"].replace(", ", ",\n") for row in part])
+        names = [row["series"].replace(", ", ",\n") for row in part]
+        axes[2].set_yticks([-place for place in range(len(part))], names)
         axes[2].set(xlabel="processor time [s]", title="(c) tangents", xlim=(0.0, 1.6 * longest))
         axes[2].grid(axis="y", visible=False)
 

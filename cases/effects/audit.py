@@ -37,6 +37,7 @@ from granfabric.constitutive.path import PathHistory
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.loads.problem import Problem
 
+from .carried import Carried
 from .numbers import numbers, quantile
 from .probe import Paths, index_of, network_of_state, pore_pressure_of
 from .sample import spread_over_area
@@ -51,7 +52,7 @@ NODES = 60
 REVERSAL = 0.02
 """Fall of q/p or ln p from which a closure without memory is called to account although the scene chose it."""
 KNOWN_STRESS_RATIO = 0.25
-"""Stress ratio beyond which sliding at contacts is not negligible (DEM of the verification)."""
+"""Stress ratio beyond which sliding at contacts is not negligible at a friction of 0.5 (DEM of the verification)."""
 
 
 @dataclass(frozen=True)
@@ -106,13 +107,15 @@ class StressPaths:
         self._stress = [problem.initial_stress[self.points]]
         self._drained, self._drains = [False], {stage.name: stage.drained for stage in problem.stages}
         self._state = [problem.initial_state[self.points]]
+        self._carried = Carried(problem)
 
     def add(self, step: StepResult) -> None:
         """Keep a step."""
-        self._strain.append(step.strain[self.points])
-        self._stress.append(step.stress[self.points])
+        strain, stress, state = self._carried(step)
+        self._strain.append(strain[self.points])
+        self._stress.append(stress[self.points])
         self._drained.append(self._drains[step.stage])
-        self._state.append(step.state[self.points])
+        self._state.append(state[self.points])
 
     def paths(self) -> tuple[Paths, Trial]:
         """The stress paths, and the outcome of the run along them."""
@@ -296,12 +299,22 @@ def messages(audit: Audit, scene: Any) -> list[str]:
     if small:
         said.append(f"audit of what was left out: {', '.join(small)}")
     assessed = SLIDING in [entry.name for entry in found] or SLIDING in everything(scene).names()
-    if not assessed and stress_ratio > KNOWN_STRESS_RATIO:
-        said.append(
-            f"audit: q/p reaches {stress_ratio:.2g} without sliding; beyond {KNOWN_STRESS_RATIO:g} sliding at contacts "
-            "is not negligible (effects.sliding)"
-        )
+    used_up = friction_used_up(scene.closure)
+    if not assessed and stress_ratio > min(KNOWN_STRESS_RATIO, used_up):
+        known = f"beyond {KNOWN_STRESS_RATIO:g} sliding at contacts is not negligible"
+        if used_up < KNOWN_STRESS_RATIO:
+            known = (
+                f"beyond {used_up:.2g}, tangential_force_ratio/(2 slip), tangential forces have reached all that "
+                "friction carries, and disks lose contacts that the law keeps"
+            )
+        said.append(f"audit: q/p reaches {stress_ratio:.2g} without sliding; {known} (effects.sliding)")
     return said
+
+
+def friction_used_up(closure: Any) -> float:
+    """q/p at which a_t = c_t q/p - k (q/p)^2 is largest; infinite where nothing slips or a_t is no function of q/p."""
+    frictional = closure.force_change == WITH_MEMORY and closure.tangential != "self_consistent"
+    return closure.tangential_force_ratio / (2.0 * closure.slip) if frictional and closure.slip > 0.0 else math.inf
 
 
 def _words(entry: Neglected) -> str:

@@ -18,6 +18,7 @@ from granfabric.constitutive.path import drive
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.equilibrium.stepping import solve
 
+from .carried import Carried
 from .numbers import quantile
 from .probe import pore_pressure_of
 from .resolve import with_effects
@@ -77,12 +78,14 @@ def run_field(loaded: LoadedScene, prepared: Prepared, chosen: EffectSet) -> Out
         fabric[:, : columns.shape[1]] = columns
         return state[:, description.columns("coordination")][:, 0], fabric
 
-    states = [network(problem.initial_state), *(network(step.state) for step in steps)]
+    carried = Carried(problem)
+    fields = [carried(step) for step in steps]
+    states = [network(problem.initial_state), *(network(state) for _, _, state in fields)]
     pressure = pore_pressure_of(problem)
-    stresses = np.array([problem.initial_stress, *(step.stress for step in steps)])
+    stresses = np.array([problem.initial_stress, *(stress for _, stress, _ in fields)])
     trial = Trial(
         stresses if pressure is None else with_pressure(stresses, pressure),
-        np.array([np.zeros((problem.space.npoints, 3)), *(step.strain for step in steps)]),
+        np.array([np.zeros((problem.space.npoints, 3)), *(strain for strain, _, _ in fields)]),
         np.array([coordination for coordination, _ in states]),
         np.array([fabric for _, fabric in states]),
         np.full(problem.space.npoints, len(steps)),

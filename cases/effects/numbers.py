@@ -27,6 +27,8 @@ LOW_PRESSURE = 0.02
 """Fraction of its initial value below which the pressure of a point counts as nearly gone."""
 TURNING = 0.02
 """Least stress ratio with which a direction of principal stress means something."""
+DIRECTIONS = 12
+"""Directions of the double-angle plane, over half of it, in which is looked for what turns back."""
 
 
 def quantile(values: Array, weights: Array, fraction: float = FRACTION) -> float:
@@ -54,6 +56,8 @@ class Numbers:
         Turn of the principal axes of stress, where q/p means something.
     pressure_rise, pressure_fall : float
         Largest rise and fall of ln p from the start.
+    turning_back : float
+        Largest amount by which the stress ratio lies back, in some direction, of its largest size there so far.
     reversal : float
         Fall of q/p from its largest value so far, or way of ln p downwards, whichever is larger.
     gain_bound : float
@@ -74,6 +78,7 @@ class Numbers:
     turn_degrees: float
     pressure_rise: float
     pressure_fall: float
+    turning_back: float
     reversal: float
     gain_bound: float
     loss: float
@@ -108,7 +113,9 @@ def numbers(paths: Paths, materials: list[Material], closure: Any) -> Numbers:
     rise = up + 2.0 * way + of("force_anisotropy_ratio") * ratio.max(axis=0) * (up + down)
     gain = room * of("gap_density_at_zero") * 0.5 * force * rise
     loss = p0 * (2.0 / np.pi * way + down)
-    slope = z / (z - of("isostatic_coordination")) if closure.shear_stiffness == "isostatic" else 1.0
+    isostatic = of("isostatic_coordination")
+    # d ln G/d ln z of G = z (z - z_iso)
+    slope = (2.0 * z - isostatic) / (z - isostatic) if closure.shear_stiffness == "isostatic" else 1.0
     # B/sqrt(K G) of the uniform-strain estimate
     coupling = np.sqrt(0.5 / (1.0 + of("stiffness_ratio")) / (of("bulk_reduction") * of("shear_reduction")))
     change = loss * slope + coupling * p0 * way
@@ -120,6 +127,7 @@ def numbers(paths: Paths, materials: list[Material], closure: Any) -> Numbers:
         quantile(_turn(s, ratio), weights),
         quantile(log_p.max(axis=0), weights),
         quantile(-log_p.min(axis=0), weights),
+        quantile(_turning_back(s), weights),
         quantile(np.maximum(reversal, down), weights),
         quantile(gain, weights),
         quantile(loss, weights),
@@ -127,6 +135,15 @@ def numbers(paths: Paths, materials: list[Material], closure: Any) -> Numbers:
         float(weights[low].sum()),
         quantile(_excess_pressure(paths, materials, start), weights),
     )
+
+
+def _turning_back(s: Array) -> Array:
+    """Largest fall of |s.e| from its largest value so far, over directions e, shape (npt,)."""
+    fall = np.zeros(s.shape[1])
+    for angle in np.linspace(0.0, np.pi, DIRECTIONS, endpoint=False):
+        along = np.abs(s[..., 0] * np.cos(angle) + s[..., 1] * np.sin(angle))
+        fall = np.maximum(fall, (np.maximum.accumulate(along, axis=0) - along).max(axis=0))
+    return fall
 
 
 def _excess_pressure(paths: Paths, materials: list[Material], start: Array) -> Array:

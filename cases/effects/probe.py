@@ -151,8 +151,9 @@ def field_paths(problem: Problem, control: StepControl) -> Paths:
         strains = [np.zeros_like(stresses[0])]
         fluid, drained = _fluid_stiffness(problem)[::stride], [False]
         for stage in problem.stages:
-            change = solution.next_stage().strain[::stride]
-            response = np.einsum("pij,pj->pi", system.material.tangent_start[::stride], change)
+            # where stages change the body: points that are not there do not change
+            change = system.of_space(solution.next_stage().strain)[::stride]
+            response = np.einsum("pij,pj->pi", system.of_space(system.material.tangent_start)[::stride], change)
             if not stage.drained:
                 response = with_pressure(response, -fluid * (change[:, 0] + change[:, 1]))
             pieces = min(most, stage.increments)

@@ -5,7 +5,16 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from granfabric.cases.scene.effects_choice import AUTO, FEEDBACK, FLUID, MEMORY, SLIDING, SPREAD, all_names
+from granfabric.cases.scene.effects_choice import (
+    AUTO,
+    FEEDBACK,
+    FLUID,
+    MEMORY,
+    SLIDING,
+    SLIP_MEMORY,
+    SPREAD,
+    all_names,
+)
 from granfabric.cases.terminal.screen import Screen
 
 from .decision import AssessedEffect, Decision
@@ -26,6 +35,8 @@ def number_of(name: str, facts: Numbers) -> str:
         return f"stiffness within {facts.stiffness_change:.1%}"
     if name in (MEMORY, SPREAD):
         return f"q/p, ln p fall by {abs(facts.reversal):.2g}"
+    if name == SLIP_MEMORY:
+        return f"s turns back by {facts.turning_back:.2g}"
     if name == SLIDING:
         return f"q/p reaches {facts.stress_ratio:.2g}"
     if name == FLUID:

@@ -75,12 +75,14 @@ def compare(loaded: LoadedScene, problem: Problem, step: StepResult) -> Comparis
     """
     scene, space = loaded.scene, problem.space
     form = scene.closed_form
-    change = step.stress - problem.initial_stress
-    exact = closed_forms.stress(form, space.points[:, 0], space.points[:, 1])
-    stress_error = _norm(space.weights, change - exact) / _norm(space.weights, exact)
+    there: Any = slice(None) if step.active is None else step.active[space.point_cell]
+    points, weights, initial = space.points[there], space.weights[there], problem.initial_stress[there]
+    change = step.stress[there] - initial
+    exact = closed_forms.stress(form, points[:, 0], points[:, 1])
+    stress_error = _norm(weights, change - exact) / _norm(weights, exact)
     line: dict[str, list[float]] = {}
     if form.line is not None:
-        line = _along_line(form, space.points, change, problem.initial_stress)
+        line = _along_line(form, points, change, initial)
     return Comparison(stress_error, _displacement_error(scene, space, step), line)
 
 
@@ -93,14 +95,16 @@ def _displacement_error(scene: Any, space: Space, step: StepResult) -> float | N
         return None
     # Points of higher degree: those of the element may be where its displacement is best.
     fine = Space(space.host_mesh, space.element, quadrature_degree=2 * space.order + 2)
+    there: Any = slice(None) if step.active is None else step.active[fine.point_cell]
     bulk, shear = moduli(scene.material)
+    x, y = fine.points[there].T
     if scene.effects.pore_fluid is True and not scene.stage[-1].drained:
         bulk += fluid_stiffness(Material(**scene.material.model_dump()))
-    exact = closed_forms.displacement(scene.closed_form, fine.points[:, 0], fine.points[:, 1], bulk, shear)
+    exact = closed_forms.displacement(scene.closed_form, x, y, bulk, shear)
     if exact is None:
         return None
-    computed = fine.interpolate(step.displacement.reshape(-1, 2))
-    return _norm(fine.weights, computed - exact) / _norm(fine.weights, exact)
+    computed = fine.interpolate(step.displacement.reshape(-1, 2))[there]
+    return _norm(fine.weights[there], computed - exact) / _norm(fine.weights[there], exact)
 
 
 def _along_line(form: Any, points: Array, change: Array, initial: Array) -> dict[str, list[float]]:

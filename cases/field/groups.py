@@ -24,12 +24,18 @@ def _named(scene: Any) -> Iterator[tuple[list[Any], str, str]]:
         for number, load in enumerate(stage.body_force):
             if load.region is not None:
                 yield ["stage", place, "body_force", number, "region"], "region", load.region
+        for key in ("deactivate", "activate"):
+            for number, name in enumerate(getattr(stage, key)):
+                yield ["stage", place, key, number], "region", name
+    if isinstance(scene.initial.k0, dict):
+        for name in scene.initial.k0:
+            yield ["initial", "k0", name], "region", name
     for name, material in scene.materials.items():
         yield ["materials", name, "region"], "region", material.region
 
 
 def _owner(keys: list[Any]) -> list[Any]:
-    """Where a group is named: the load, which is counted; of materials the key."""
+    """Where a group is named: the load, which is counted, or the list; of materials the key."""
     return keys if keys[0] == "materials" else keys[:-1]
 
 

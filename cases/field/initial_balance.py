@@ -14,6 +14,7 @@ from granfabric.cases.terminal.screen import Screen
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.imbalance import InitialImbalance, initial_imbalance
 from granfabric.fem.equilibrium.results import StepResult
+from granfabric.fem.loads.bodies import space_at
 from granfabric.fem.loads.problem import Problem
 from granfabric.fem.loads.supports import free_motions
 from granfabric.fem.vectors import Array
@@ -36,6 +37,8 @@ class Balance:
     Parameters
     ----------
     problem : Problem
+    settles : bool
+        The initial stress is an estimate which the first stage is to bring into equilibrium.
 
     Attributes
     ----------
@@ -45,7 +48,9 @@ class Balance:
         Forces that these supports had carried [N/m], by stage.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, settles: bool = False) -> None:
+        self._settles = settles
+        self._problem = problem
         self.found: InitialImbalance = initial_imbalance(problem)
         self.stage = problem.stages[0].name
         self.starts_loaded = problem.starts_loaded
@@ -61,7 +66,7 @@ class Balance:
         Loads of a first stage that is not named "initial" come up while the imbalance fades out; if they balance the
         initial stress in the end, nothing happens in between.
         """
-        if self.referenced:
+        if self.referenced or self._settles:
             return False
         far = self.found.fraction > WARNED
         return far and (self.starts_loaded or self.found.fraction_at_end > WARNED)
@@ -76,7 +81,8 @@ class Balance:
         if self.referenced:
             return "constant reference forces balance it from the outset to the end (initial.balance = true)"
         if self.starts_loaded:
-            return f'it fades out over stage "{self.stage}"'
+            after = ", from whose end displacements count" if self._settles else ""
+            return f'it fades out over stage "{self.stage}"{after}'
         rest = self.found.fraction_at_end
         loads = "balance it" if rest <= WARNED else f"leave {percent(rest)} unbalanced"
         return (
@@ -118,6 +124,12 @@ class Balance:
             return None
         self.told.add(step.stage)
         fading = step.stage_start.fading.reshape(-1, 2)
+        if step.active is not None:  # forces of excavations fade as well
+            places = [stage.name for stage in self._problem.stages]
+            released = self._problem.program.terms[places.index(step.stage)].released
+            carried = np.zeros(fading.size)
+            carried[released] = fading.ravel()[released]
+            fading = carried.reshape(-1, 2)
         size = float(np.hypot(fading[:, 0], fading[:, 1]).sum())
         if size <= self._least:
             return None
@@ -135,7 +147,7 @@ def announce(balance: Balance, loaded: LoadedScene, problem: Problem, record: Re
     """Say and record how the initial state is balanced; say which loads are tensile, and which add to others."""
     record.details["initial_imbalance"] = balance.as_data()
     screen.say(balance.text())
-    slips = (*unheld(loaded, problem), *unchanged(loaded), *soft(loaded, problem), *pulling(loaded, problem))
+    slips = (*unheld(loaded, problem), *unchanged(loaded, problem), *soft(loaded, problem), *pulling(loaded, problem))
     for text in (*slips, *adding(loaded, problem.space.host_mesh)):
         screen.say(text)
 
@@ -174,14 +186,20 @@ def unheld(loaded: LoadedScene, problem: Problem) -> list[str]:
     return []
 
 
-def unchanged(loaded: LoadedScene) -> list[str]:
-    """A warning for each stage after the first that sets neither a load nor a support, and releases none."""
+def unchanged(loaded: LoadedScene, problem: Problem) -> list[str]:
+    """A warning for each stage after the first in which nothing changes: no load, no support, not the body."""
+
+    def moves(place: int) -> bool:
+        stage, body = problem.stages[place], problem.program.terms[place].body
+        of_body = body is not None and (body.changes or body.released != body.released_before)
+        return of_body or stage.reset_displacements or not stage.keep
+
     kinds = ("fixed", "fixed_point", "displacement", "pressure", "traction", "body_force", "closed_form")
     return [
         f"warning: {loaded.label(['stage', place])}: the stage has no loads: nothing changes in it (it may have "
         f"{', '.join(kinds)})"
         for place, stage in enumerate(loaded.scene.stage)
-        if place and stage.keep and not any(getattr(stage, kind) for kind in kinds)
+        if place and not moves(place) and not any(getattr(stage, kind) for kind in kinds)
     ]
 
 
@@ -189,7 +207,9 @@ def soft(loaded: LoadedScene, problem: Problem) -> list[str]:
     """A warning if contacts are so stiff for the initial pressure that a unit must have been taken for another."""
     if is_grains(loaded.scene):  # whose packings have bounds of their own
         return []
-    pressure = float(-0.5 * (problem.initial_stress[:, 0] + problem.initial_stress[:, 1]).mean())
+    body = problem.program.terms[0].body
+    stress = problem.initial_stress if body is None else problem.initial_stress[body.active[problem.space.point_cell]]
+    pressure = float(-0.5 * (stress[:, 0] + stress[:, 1]).mean())
     materials = list(loaded.scene.materials.values()) or [loaded.scene.material]
     ratio = max(material.normal_stiffness for material in materials) / pressure if pressure > 0.0 else 0.0
     if ratio <= STIFF:
@@ -219,7 +239,7 @@ def pulling(loaded: LoadedScene, problem: Problem) -> list[str]:
                     "pressure is compression positive"
                 )
         for number, load in enumerate(stage.traction):
-            outward = _outward(problem.space, load.boundary, load.value)
+            outward = _outward(space_at(problem.space, problem.program.terms[place].body), load.boundary, load.value)
             if load.boundary not in pressed and _is_below(-outward, float(np.hypot(*load.value))):
                 where = loaded.label(["stage", place, "traction", number])
                 said.append(f"warning: {where}: the traction on {load.boundary!r} is tensile, {outward:.4g} Pa")

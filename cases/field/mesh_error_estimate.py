@@ -24,13 +24,22 @@ def estimate(folder: Path, record: Record, problem: Problem, last: StepResult) -
     space = problem.space
     index = problem.material_index
     region = None if index is None else index.reshape(space.nelements, -1)[:, 0]
-    found = stress_error(space, last.stress - problem.initial_stress, region)
+    change = last.stress - problem.initial_stress
+    there = np.ones(space.nelements, dtype=bool)
+    if last.active is not None:  # what is not there is a material of its own, without stress and so without error
+        there = last.active
+        change[~there[space.point_cell]] = 0.0
+        own = np.zeros(space.nelements, dtype=np.int32) if region is None else region.copy()
+        own[~there] = own.max() + 1
+        region = own
+    found = stress_error(space, change, region)
     worst = int(found.of_cells.argmax())
     corners = space.host_mesh.mesh.t.T
     place = space.host_mesh.mesh.p.T[corners[worst]].mean(axis=0)
     record.details["mesh_error"] = {"stress": found.relative, "place": place.tolist()}
     points = np.pad(space.host_mesh.mesh.p.T, ((0, 0), (0, 1)))
-    mesh = meshio.Mesh(points, [(space.host_mesh.cell, corners)], cell_data={"stress_error": [found.of_cells]})
+    fractions = {"stress_error": [found.of_cells[there]]}
+    mesh = meshio.Mesh(points, [(space.host_mesh.cell, corners[there])], cell_data=fractions)
     files.write_whole(folder / files.MESH_ERROR, lambda path: mesh.write(path, file_format="vtu"))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -136,9 +137,18 @@ def _distributions(folder: Path, packing: Sample, scene: dict[str, Any]) -> Path
     with picture(path, 11.0, 4.4) as figure:
         left, right = figure.subplots(1, 2)
         draw_force_density(left, force_distribution(contacts_of(packing)))
-        draw_gap_density(right, gap_distribution(packing))
+        draw_gap_density(right, gap_distribution(packing), closing=_closing_gap_density(folder))
         figure.suptitle(f"{scene['title']}: the packing", x=0.01, ha="left", fontsize=13, parse_math=False)
     return path
+
+
+def _closing_gap_density(folder: Path) -> float | None:
+    """`gap_density_at_zero` of the material file in the folder; None if there is none."""
+    try:
+        table = tomllib.loads((folder / files.MATERIAL).read_text(encoding="utf-8"))
+        return float(table["material"]["gap_density_at_zero"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
 
 
 def _networks(folder: Path, packing: Sample, loaded: Sample | None, columns: Columns, scene: dict[str, Any]) -> Path:

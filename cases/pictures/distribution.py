@@ -39,11 +39,18 @@ def draw_force_density(axes: Any, forces: ForceDistribution, text: str = "DEM") 
     axes.legend()
 
 
-def draw_gap_density(axes: Any, gaps: GapDistribution, text: str = "DEM") -> None:
-    """Density of the gaps between neighbours that do not touch, with the straight line at zero gap."""
+def draw_gap_density(axes: Any, gaps: GapDistribution, text: str = "DEM", closing: float | None = None) -> None:
+    """Density of the gaps between neighbours that do not touch, with the straight line at zero gap.
+
+    `closing` is the density that the law takes, of the gaps that close under load (`gap_density_at_zero`): so narrow
+    that the line says nothing of them, and between disks that bear forces.
+    """
     outline(axes, gaps.density, fill=True, color=BLUE, alpha=0.3)
     outline(axes, gaps.density, color=BLUE, linewidth=1.2, label=f"{text}, {gaps.density.count} gaps")
-    _line(axes, gaps.at_zero, gaps.window, r"$P_{\xi 0}$")
+    _line(axes, gaps.at_zero, gaps.window, r"$P_{\xi 0}$" if closing is None else "of all gaps, at 0")
+    if closing is not None:
+        text = "the law's $P_{\\xi 0}$ (material.toml), of gaps that close: " + f"{closing:.4g}"
+        axes.plot([], [], linestyle="none", label=text)
     _power_law(axes, gaps, np.linspace(2e-3, gaps.window, 200))
     axes.set(
         title="Gaps to neighbours in the radical tessellation", xlabel=r"$\xi$ = gap$/2r$ [-]",

@@ -17,19 +17,25 @@ from granfabric.constitutive.path import POINT_COLUMNS
 from granfabric.dem_ref.loading.run import HISTORY_COLUMNS
 from granfabric.dem_ref.sample.disks import SampleError
 
+from . import formats
+
 DATA_TABLES = {"fit": "fit.csv", "data": "data.csv"}
 """Table from which a fit, or a comparison with a user's curves, is drawn."""
 DATA_NUMBERS = ("p", "stress_ratio", "data", "law", "deviation")
 
 
 def draw_folder(folder: Path) -> list[Path]:
-    """Make the pictures of a result folder anew.
+    """Make the pictures of a result folder anew; their files in the chosen formats.
 
     Raises
     ------
     InputError
         If the folder is not a result of ours, or nothing was computed yet.
     """
+    return [file for picture in _draw_folder(folder) for file in formats.paths(picture)]
+
+
+def _draw_folder(folder: Path) -> list[Path]:
     record = files.whole_record(folder)
     if record is None:
         raise InputError(f"{str(folder)!r} is not a result folder: it has no {files.RECORD} of {files.PROGRAM}")

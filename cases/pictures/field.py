@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from granfabric.cases.records import series
 
@@ -42,7 +44,7 @@ def draw_field(folder: Path, columns: dict[str, NDArray[Any]], scene: dict[str, 
         return [path]
     first = series.first_file(folder, "result")
     last, cloud = series.read(fields), series.read(points)
-    start = last if first is None else series.read(first)
+    start = last if first is None else _beginning(folder, last, series.read(first))
     maps = chosen_maps(list(output.get("maps", [])), last)
     above = is_wide(last)
     rows, across = (len(maps), 1) if above else (1, len(maps))
@@ -57,6 +59,24 @@ def draw_field(folder: Path, columns: dict[str, NDArray[Any]], scene: dict[str, 
         title = f"{scene['title']} (step {step}, stage {stage})"
         figure.suptitle(title, x=0.01, ha="left", fontsize=13, parse_math=False)
     return [path]
+
+
+def _beginning(folder: Path, last: Any, first: Any) -> Any:
+    """Fields of the nodes of the last file as each of them began: in the first file that has it."""
+    if len(first.points) == len(last.points) and np.array_equal(first.points, last.points):
+        return first
+    begun = {name: np.full_like(values, np.nan) for name, values in last.point_data.items()}
+    missing = np.arange(len(last.points))
+    for file in series.steps(folder, "result").values():
+        content = series.read(file)
+        distance, found = cKDTree(content.points).query(last.points[missing])
+        there = distance == 0.0
+        for name, values in begun.items():
+            values[missing[there]] = content.point_data[name][found[there]]
+        missing = missing[~there]
+        if not len(missing):
+            break
+    return meshio.Mesh(last.points, last.cells, point_data=begun)
 
 
 def _abscissa(columns: dict[str, NDArray[Any]], scene: dict[str, Any]) -> tuple[Array, str]:

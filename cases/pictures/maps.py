@@ -61,14 +61,31 @@ def _displacement(mesh: Any, axis: int) -> Array:
     return np.asarray(mesh.point_data["displacement"], dtype=np.float64)[:, axis]
 
 
+DIVERGING = "RdBu_r"
+"""Colours of a field that takes both signs, white at zero."""
+BOTH_SIGNS = 0.02
+"""Smaller over larger of the two extremes from which a field takes both signs."""
+
+
 @dataclass(frozen=True)
 class Map:
-    """How a field is drawn: title, label of the colour bar, colours, values of the last and the first step."""
+    """How a field is drawn: title, label of the colour bar, colours, values of the last and the first step.
+
+    A field with diverging colours has them centred on zero whatever its values are; any other one that takes both signs
+    gets them.
+    """
 
     title: str
     label: str
     colours: str
     values: Callable[[Any, Any], Array]
+
+    def shades(self, low: float, high: float) -> tuple[str, float, float]:
+        """Colours and the values at their two ends, for a field between two values."""
+        reach = max(abs(low), abs(high))
+        if self.colours == DIVERGING or min(-low, high) > BOTH_SIGNS * reach:
+            return DIVERGING, -reach, reach
+        return self.colours, low, high
 
 
 MAPS: dict[str, Map] = {
@@ -94,15 +111,15 @@ MAPS: dict[str, Map] = {
     "stress_ratio": Map("Stress ratio", "stress ratio $q/p$ [-]", "inferno_r", lambda last, _: _stress_ratio(last)),
     "stress_xx": Map("Stress xx", r"$\sigma_{xx}$ [kPa]", "magma", lambda last, _: _stress(last, 0) / 1e3),
     "stress_yy": Map("Stress yy", r"$\sigma_{yy}$ [kPa]", "magma", lambda last, _: _stress(last, 4) / 1e3),
-    "stress_xy": Map("Shear stress xy", r"$\sigma_{xy}$ [kPa]", "coolwarm", lambda last, _: _stress(last, 1) / 1e3),
+    "stress_xy": Map("Shear stress xy", r"$\sigma_{xy}$ [kPa]", DIVERGING, lambda last, _: _stress(last, 1) / 1e3),
     "pore_pressure": Map(
         "Pore pressure", "pore pressure $u$ [kPa]", "Blues", lambda last, _: _pore_pressure(last) / 1e3
     ),
     "displacement_x": Map(
-        "Displacement x", r"$u_x$ [$10^{-6}$ m]", "coolwarm", lambda last, _: _displacement(last, 0) * 1e6
+        "Displacement x", r"$u_x$ [$10^{-6}$ m]", DIVERGING, lambda last, _: _displacement(last, 0) * 1e6
     ),
     "displacement_y": Map(
-        "Displacement y", r"$u_y$ [$10^{-6}$ m]", "coolwarm", lambda last, _: _displacement(last, 1) * 1e6
+        "Displacement y", r"$u_y$ [$10^{-6}$ m]", DIVERGING, lambda last, _: _displacement(last, 1) * 1e6
     ),
 }
 
@@ -132,9 +149,10 @@ def draw_map(figure: Any, axes: Any, name: str, last: Any, first: Any, cloud: An
     if flat:  # a homogeneous field gets one colour, not magnified rounding
         middle = (low + high) / 2
         low, high = middle - 0.005 * max(abs(middle), 1e-6), middle + 0.005 * max(abs(middle), 1e-6)
-    beyond = bool(values.min() < low), bool(values.max() > high)
+    colours, least, most = what.shades(low, high)
+    beyond = bool(values.min() < least), bool(values.max() > most)
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[beyond]
-    shading = axes.tripcolor(grid, values, shading="gouraud", cmap=what.colours, vmin=low, vmax=high, rasterized=True)
+    shading = axes.tripcolor(grid, values, shading="gouraud", cmap=colours, vmin=least, vmax=most, rasterized=True)
     if not flat:
         levels = np.linspace(low, high, CONTOURS + 2)[1:-1]
         axes.tricontour(grid, values, levels=levels, colors=BLACK, linewidths=0.5, linestyles="solid", alpha=0.45)
@@ -142,11 +160,31 @@ def draw_map(figure: Any, axes: Any, name: str, last: Any, first: Any, cloud: An
     where = {"cax": axes.inset_axes((1.03, 0.0, 0.05, 1.0))} if is_wide(last) else {"ax": axes, "shrink": 0.85}
     bar = figure.colorbar(shading, label=what.label, extend=extend, **where)
     bar.formatter.set_useOffset(False)
+    bar.ax.set_ylim(low, high)
+    edges = _region_edges(last)
+    if len(edges):
+        axes.add_collection(LineCollection(list(edges), colors=BLACK, linewidths=1.1))
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title=what.title)
     axes.grid(False)
     axes.locator_params(nbins=4)
     if name == "fabric_anisotropy":
         _directions(axes, cloud)
+
+
+def _region_edges(mesh: Any) -> Array:
+    """Lines between regions, shape (n, 2, 2) [m]."""
+    region, triangles = series.of_triangles(mesh, "region"), series.triangles(mesh)
+    if region is None or not len(triangles) or (region == region[0]).all():
+        return np.zeros((0, 2, 2))
+    # nodes at one place, where materials meet, are one here
+    places, place = np.unique(mesh.points[:, :2], axis=0, return_inverse=True)
+    sides = np.sort(place.ravel()[triangles[:, [[0, 1], [1, 2], [2, 0]]]].reshape(-1, 2), axis=1)
+    of_side = np.repeat(region, 3)
+    key = sides[:, 0] * len(places) + sides[:, 1]
+    order = np.argsort(key, kind="stable")
+    pair = np.flatnonzero(key[order[:-1]] == key[order[1:]])
+    between = pair[of_side[order[pair]] != of_side[order[pair + 1]]]
+    return np.asarray(places[sides[order[between]]])
 
 
 def _directions(axes: Any, cloud: Any) -> None:

@@ -38,7 +38,7 @@ def horizontal(columns: Columns, scene: dict[str, Any]) -> tuple[NDArray[np.floa
 
 
 def draw_point(folder: Path, columns: Columns, scene: dict[str, Any]) -> list[Path]:
-    """Draw `microvariables.png` and `fabric_decomposition.png`.
+    """Draw `stress_strain.png`, `microvariables.png` and `fabric_decomposition.png`.
 
     Parameters
     ----------
@@ -52,7 +52,34 @@ def draw_point(folder: Path, columns: Columns, scene: dict[str, Any]) -> list[Pa
     -------
     list of Path
     """
-    return [_microvariables(folder, columns, scene), _decomposition(folder, columns, scene)]
+    first = [_stress_strain(folder, columns, scene)]
+    return [*first, _microvariables(folder, columns, scene), _decomposition(folder, columns, scene)]
+
+
+STRAINS = {"strain_xx": r"\varepsilon_{xx}", "strain_yy": r"\varepsilon_{yy}", "strain_xy": r"\gamma_{xy}"}
+
+
+def _stress_strain(folder: Path, columns: Columns, scene: dict[str, Any]) -> Path:
+    """Stress and change of volume over the strain that changes most, positive where it grew first."""
+    path = folder / "stress_strain.png"
+    name = max(STRAINS, key=lambda key: float(np.ptp(columns[key])))
+    strain = columns[name] - columns[name][0]
+    grown = np.abs(strain) > 0.05 * np.abs(strain).max(initial=0.0)
+    sign = -1.0 if grown.any() and strain[int(np.argmax(grown))] < 0.0 else 1.0
+    label = f"strain ${'-' if sign < 0 else ''}{STRAINS[name]}$ [$10^{{-6}}$]"
+    x = sign * columns[name] * 1e6
+    with picture(path, 10.0, 4.4) as figure:
+        left, right = figure.subplots(1, 2)
+        for quantity, text, colour, style in (("q", "deviator $q$", BLACK, "-"), ("p", "pressure $p$", BLUE, "--")):
+            _line(left, x, columns[quantity] / 1e3, colour, label=text, linestyle=style)
+        low, high = left.get_ylim()
+        left.set_ylim(min(low, 0.0), high)
+        left.set(title="Stress", xlabel=label, ylabel="stress [kPa]")
+        left.legend()
+        _line(right, x, -(columns["strain_xx"] + columns["strain_yy"]) * 1e6, RED)
+        right.set(title="Volume", xlabel=label, ylabel="volumetric strain, compression positive [$10^{-6}$]")
+        figure.suptitle(scene["title"], x=0.01, ha="left", fontsize=13, parse_math=False)
+    return path
 
 
 def _microvariables(folder: Path, columns: Columns, scene: dict[str, Any]) -> Path:

@@ -16,6 +16,8 @@ from matplotlib.figure import Figure
 
 from granfabric.cases.records.files import write_whole
 
+from . import formats
+
 BLUE, ORANGE, GREEN, PURPLE, RED, SKY, BLACK = (
     "#0072B2",
     "#E69F00",
@@ -42,14 +44,19 @@ STYLE: Any = {
     "legend.frameon": False,
     "figure.dpi": 100,
     "savefig.dpi": 160,
+    "svg.hashsalt": "granfabric",
 }
 
 
 @contextmanager
 def picture(path: Path, width: float, height: float) -> Iterator[Figure]:
-    """An empty figure [inch] that is written as PNG, in one step, when the block ends well."""
+    """An empty figure [inch] that is written in the chosen formats, each in one step, when the block ends well."""
     with rc_context(STYLE):
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure
-        # No creation data in the file: the same run gives the same bytes.
-        write_whole(path, lambda temporary: figure.savefig(temporary, format="png", metadata={"Software": None}))
+        for file in formats.paths(path):
+            kind = file.suffix[1:]
+            write_whole(
+                file,
+                lambda to, kind=kind: figure.savefig(to, format=kind, metadata=formats.KNOWN[kind]),  # type: ignore[misc]
+            )

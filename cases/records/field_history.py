@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 from granfabric.constitutive.contract import LawDescription
 from granfabric.constitutive.effective_stress import effective_stress
+from granfabric.fem.discretisation.active_part import nodes_of
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
+from granfabric.fem.output.derived import pressure_and_deviator as invariants
 
 from . import pore_columns
+from .reaction_columns import ReactionColumns
+from .region_columns import RegionColumns
 
 Array = NDArray[np.float64]
 
@@ -32,11 +36,12 @@ COUNTS = ("iterations", "factorisations", "cuts", "substeps", "limited_points")
 class FieldHistory:
     """Rows of a field run's history.
 
-    Means are volume averages, named as the columns of a point's history; p and q belong to the mean stress.
-    With pore fluid stress, p and q are the total ones, `effective_p` is p' and the largest stress ratio is q/p'.
-    Coordination and fabric anisotropy (magnitudes) have means and extremes over the integration points. For each
-    boundary that carries loads or supports: the mean displacement of its nodes [m]; for each that is supported: the
-    force of the supports on the body [N/m].
+    Means are volume averages over what is there at the step, named as the columns of a point's history; p and q belong
+    to the mean stress. With pore fluid stress, p and q are the total ones, `effective_p` is p' and the largest stress
+    ratio is q/p'. Coordination and fabric anisotropy (magnitudes) have means and extremes over the integration points.
+    For each boundary that carries loads or supports: the mean displacement of its nodes that are there [m], zero if
+    none is; for each that is supported: the force of the supports on the body [N/m] and its moment about the origin
+    [N m/m]; the resultant of all supports. For each region of several: means over its area, zero where it is not there.
 
     Parameters
     ----------
@@ -49,10 +54,14 @@ class FieldHistory:
     """
 
     def __init__(self, space: Space, description: LawDescription, boundaries: list[str], supported: list[str]) -> None:
+        self._space = space
         self._weights = space.weights / space.weights.sum()
         self._description = description
         self._has_network = description.has_state("coordination") and description.has_state("fabric_anisotropy")
         self._nodes = {name: space.boundary_nodes(name) for name in boundaries}
+        self._area = space.weights
+        self._resultants = ReactionColumns(space, supported)
+        self._regions = RegionColumns(space, description)
         self.names = [
             *LEADING,
             *BODY,
@@ -61,6 +70,8 @@ class FieldHistory:
             *COUNTS,
             *(f"displacement_{name}_{axis}" for name in boundaries for axis in "xy"),
             *(f"reaction_{name}_{axis}" for name in supported for axis in "xy"),
+            *self._resultants.names,
+            *self._regions.names,
         ]
         self._supported = supported
         self.rows: list[list[Any]] = []
@@ -79,42 +90,38 @@ class FieldHistory:
 
     def add(self, step: StepResult) -> None:
         """Row of an accepted load step, or of the initial state as step 0."""
-        averages = self._averages(step.strain, step.stress, step.state)
+        weights, there = self._weights, None
+        fields = step.strain, step.stress, step.state
+        if step.active is not None:
+            points = step.active[self._space.point_cell]
+            weights = self._space.weights[points] / self._space.weights[points].sum()
+            fields = step.strain[points], step.stress[points], step.state[points]
+            there = nodes_of(self._space, step.active)
+        averages = self._averages(weights, *fields)
         counts = [step.iterations, step.factorisations, step.cuts, step.substeps, step.limited]
         displacement = step.displacement.reshape(-1, 2)
         sides: list[float] = []
         for nodes in self._nodes.values():
-            sides += displacement[nodes].mean(axis=0).tolist()
+            present = nodes if there is None else nodes[there[nodes]]
+            sides += displacement[present].mean(axis=0).tolist() if len(present) else [0.0, 0.0]
         for name in self._supported:
             sides += [float(force) for force in step.reactions[name]]
+        sides += self._resultants.values(step)
+        area = self._area if step.active is None else self._area * step.active[self._space.point_cell]
+        sides += self._regions.values(step.strain, step.stress, step.state, area)
         self.rows.append([step.step, step.stage, float(step.fraction), *averages, *map(int, counts), *sides])
 
-    def _averages(self, strain: Array, stress: Array, state: Array) -> list[float]:
-        mean_strain, mean_stress = self._weights @ strain, self._weights @ stress
+    def _averages(self, weights: Array, strain: Array, stress: Array, state: Array) -> list[float]:
+        mean_strain, mean_stress = weights @ strain, weights @ stress
         p, q = invariants(mean_stress[None, :])
         values = [*mean_strain.tolist(), *mean_stress.tolist(), float(p[0]), float(q[0])]
         wet = pore_columns.has_pore_pressure(self._description)
-        water = pore_columns.values(self._weights, float(p[0]), state, self._description) if wet else []
+        water = pore_columns.values(weights, float(p[0]), state, self._description) if wet else []
         if not self._has_network:
             return values + water
         coordination = state[:, self._description.columns("coordination")][:, 0]
         pressures, deviators = invariants(effective_stress(stress, state, self._description))
         fabric = np.linalg.norm(state[:, self._description.columns("fabric_anisotropy")], axis=1)
-        values += [float(self._weights @ coordination), float(coordination.min()), float(coordination.max())]
-        values += [float(self._weights @ fabric), float(fabric.max()), float((deviators / pressures).max())]
+        values += [float(weights @ coordination), float(coordination.min()), float(coordination.max())]
+        values += [float(weights @ fabric), float(fabric.max()), float((deviators / pressures).max())]
         return values + water
-
-
-def invariants(stress: Array) -> tuple[Array, Array]:
-    """Mean pressure (compression positive) and deviator q = (s1 - s2)/2 [Pa].
-
-    Parameters
-    ----------
-    stress : ndarray, shape (n, 3)
-        xx, yy, xy, tension positive [Pa].
-
-    Returns
-    -------
-    p, q : ndarray, shape (n,)
-    """
-    return -(stress[:, 0] + stress[:, 1]) / 2, np.hypot((stress[:, 0] - stress[:, 1]) / 2, stress[:, 2])

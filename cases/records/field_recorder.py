@@ -1,22 +1,33 @@
-"""Receives the steps of a boundary-value problem: history, fields, checkpoints, progress."""
+"""Receives the steps of a boundary-value problem: history, fields, checkpoints, progress.
+
+Fields and checkpoints are written by a thread while the run goes on; within `with` nothing of them is left undone.
+"""
 
 from __future__ import annotations
 
 import csv
 import math
+import time
 from collections.abc import Callable
 from pathlib import Path
+from types import TracebackType
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from granfabric.cases.errors import InputError
 from granfabric.fem.equilibrium.checkpoint import Checkpoint, CheckpointFolder
 from granfabric.fem.equilibrium.initial import initial_result
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.loads.problem import Problem
+from granfabric.fem.output.compression import Compression
 from granfabric.fem.output.fields import FieldWriter, OutputError
 
 from . import files
+from .background import BackgroundWriter
 from .field_history import FieldHistory
+from .probe_files import ProbeFile
 
 
 class FieldRecorder:
@@ -35,6 +46,15 @@ class FieldRecorder:
     checkpoints : CheckpointFolder
     resumed : Checkpoint, optional
         Go on after this step. What was written beyond it is removed.
+    compression : {"none", "fast", "small"}
+        Of the fields.
+    probes : dict of str to ndarray, shape (n, 2), optional
+        Places [m] by the name of a probe.
+
+    Attributes
+    ----------
+    closing : float
+        Seconds that the end waited for files.
 
     Raises
     ------
@@ -52,7 +72,11 @@ class FieldRecorder:
         advance: Callable[[float, str], None],
         checkpoints: CheckpointFolder,
         resumed: Checkpoint | None = None,
+        compression: Compression = "fast",
+        probes: dict[str, NDArray[np.float64]] | None = None,
     ) -> None:
+        self.closing = 0.0
+        self._background = BackgroundWriter()
         self._folder = folder
         self._every = every
         self._advance = advance
@@ -62,24 +86,56 @@ class FieldRecorder:
         self.history = history
         if resumed is None:
             self._last = initial_result(problem)
-            self._writer = FieldWriter(folder, problem.space, problem.law.description)
+            self._writer = self._field_writer(problem, compression)
             self.history.add(self._last)
             self._write_history()
-            self._write_fields(self._last)
+            self._written = -1
+            self._probes = self._probe_files(problem, probes or {})
+            for probe in self._probes:
+                probe.begin()
             return
         self._last = resumed.result
         done = self._last.step
         # A linear problem passes over the steps between results.
         continue_history(folder, history, done, problem.law.description.linear_response)
         try:
-            self._writer = FieldWriter(
-                folder, problem.space, problem.law.description, lambda step: step <= done and self._due(step)
-            )
+            self._writer = self._field_writer(problem, compression, lambda step: step <= done and self._due(step))
         except OutputError as error:
             raise InputError(f"cannot go on: {error}") from error
+        self._probes = self._probe_files(problem, probes or {})
+        for probe in self._probes:
+            probe.go_on([row[0] for row in history.rows])
         self._write_history()
         self._written = done if self._due(done) else -1
         self._show(self._last)
+
+    def _field_writer(
+        self, problem: Problem, compression: Compression, keep: Callable[[int], bool] | None = None
+    ) -> FieldWriter:
+        return FieldWriter(
+            self._folder, problem.space, problem.law.description, keep, problem.material_index, compression
+        )
+
+    def _probe_files(self, problem: Problem, probes: dict[str, NDArray[np.float64]]) -> list[ProbeFile]:
+        law, recovery = problem.law.description, self._writer.recovery
+        return [ProbeFile(self._folder, name, at, problem.space, law, recovery) for name, at in probes.items()]
+
+    def __enter__(self) -> FieldRecorder:
+        """Fields of the initial state, where the run begins with it."""
+        if self._last.step == 0 and self._written < 0:
+            self._write_probes(self._last)
+            self._write_fields(self._last)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._background.__exit__(kind, error, trace)
+
+    @property
+    def writing(self) -> float:
+        """Seconds that the thread was at work."""
+        return self._background.seconds
 
     @property
     def last(self) -> StepResult:
@@ -94,18 +150,23 @@ class FieldRecorder:
         self.history.add(step)
         self._write_history()
         self._last = step
+        self._write_probes(step)
         if self._due(step.step):
             self._write_fields(step)
         self._show(step)
 
     def save(self, checkpoint: Checkpoint) -> None:
         """Receive the checkpoint of the same step."""
-        self._checkpoints.save(checkpoint)
+        kept = checkpoint.copied()
+        self._background.submit(lambda: self._checkpoints.save(kept))
 
     def close(self) -> None:
-        """Make sure that the last step's fields are on disk."""
+        """Make sure that everything is on disk, the last step's fields too."""
+        since = time.perf_counter()
         if self._written != self._last.step:
             self._write_fields(self._last)
+        self._background.finish()
+        self.closing = time.perf_counter() - since
 
     def _show(self, step: StepResult) -> None:
         place = self._places[step.stage]
@@ -115,8 +176,21 @@ class FieldRecorder:
     def _write_history(self) -> None:
         files.write_text(self._folder / files.HISTORY, files.csv_text(self.history.names, self.history.rows))
 
+    def _write_probes(self, step: StepResult) -> None:
+        if self._probes:
+            self._background.submit(lambda: self._add_to_probes(step))
+
+    def _add_to_probes(self, step: StepResult) -> None:
+        if self._writer.follow_body(step.active):
+            for probe in self._probes:
+                probe.take_up(self._writer.space, self._writer.recovery)
+        part = self._writer.of_part(step)
+        for probe in self._probes:
+            probe.add(part)
+
     def _write_fields(self, step: StepResult) -> None:
-        self._writer.write(step, self._places[step.stage] + step.fraction)
+        at = self._places[step.stage] + step.fraction
+        self._background.submit(lambda: self._writer.write(step, at))
         self._written = step.step
 
 

@@ -31,7 +31,8 @@ FAILED_PACKING = "failed_point.npz"
 """The packing of a failed point with grains."""
 OF_DATA = ("fit.csv", "fit.png", "data.csv", "data.png")
 PICTURES = (
-    *("overview.png", "microvariables.png", "fabric_decomposition.png", "packing.png", "distributions.png"),
+    *("overview.png", "microvariables.png", "fabric_decomposition.png", "stress_strain.png", "packing.png"),
+    "distributions.png",
     *("closed_form.png", "convergence.png", "map.png", *(f"figure_{number}.png" for number in range(1, 7))),
 )
 TABLES = (
@@ -49,7 +50,16 @@ OWN_FILES = (
 CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
 OF_MAP = ("map_*.png", "material_*.toml")
 """A figure for each path of a map, measured inputs of each of its materials."""
-OWN_PATTERNS = (".granfabric-*", ".result*", ".points*", *CHECKPOINTS, *OF_MAP, *(f"{name}_*.vtu" for name in SERIES))
+PROBES = "probe_*.csv"
+OTHER_FORMATS = tuple(
+    f"{name[:-4]}.{kind}" for name in (*PICTURES, *OF_DATA) if name.endswith(".png") for kind in ("pdf", "svg")
+)
+"""The same pictures as `--format` asks for."""
+OWN_PATTERNS = (
+    *(*OTHER_FORMATS, "map_*.pdf", "map_*.svg"),
+    *(PROBES, ".granfabric-*", ".result*", ".points*"),
+    *(*CHECKPOINTS, *OF_MAP, *(f"{name}_*.vtu" for name in SERIES)),
+)
 """What a run writes; only these are removed when a result folder is used again. Not among them: what `cost` and
 `verify` keep of the DEM in `dem`, to be used again, and the studies of `cost`, whose folders nothing else replaces."""
 

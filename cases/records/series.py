@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from granfabric.cases.errors import InputError
 from granfabric.fem.mesh.foreign_files import ForeignFileError, foreign_reader
+from granfabric.fem.output.cells import joined
 
 Array = NDArray[np.float64]
 
@@ -107,16 +108,37 @@ def read(file: Path, required: Sequence[str] = DRAWN) -> Any:
     return mesh
 
 
+_PIECES: dict[str, list[tuple[int, int, int]]] = {
+    "triangle": [(0, 1, 2)],
+    "triangle6": [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
+    "quad": [(0, 1, 2), (0, 2, 3)],
+    "quad9": [
+        *((0, 4, 8), (0, 8, 7), (4, 1, 5), (4, 5, 8)),
+        *((8, 5, 2), (8, 2, 6), (7, 8, 6), (7, 6, 3)),
+    ],
+}
+
+
+def elements(mesh: Any) -> tuple[str, NDArray[np.int64]]:
+    """Kind and nodes of the elements, also of those that stand in the file cut into straight pieces.
+
+    Raises
+    ------
+    ValueError
+        If the file does not hold elements of one kind.
+    """
+    return joined(mesh.cells, mesh.cell_data.get("element"))
+
+
 def triangles(mesh: Any) -> NDArray[np.int64]:
     """All cells cut into triangles of three nodes, shape (n, 3); cells of second order into four or eight."""
-    pieces = {
-        "triangle": [(0, 1, 2)],
-        "triangle6": [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
-        "quad": [(0, 1, 2), (0, 2, 3)],
-        "quad9": [
-            *((0, 4, 8), (0, 8, 7), (4, 1, 5), (4, 5, 8)),
-            *((8, 5, 2), (8, 2, 6), (7, 8, 6), (7, 6, 3)),
-        ],
-    }
-    parts = [block.data[:, list(corners)] for block in mesh.cells for corners in pieces.get(block.type, [])]
+    parts = [block.data[:, list(corners)] for block in mesh.cells for corners in _PIECES.get(block.type, [])]
     return np.concatenate(parts).astype(np.int64) if parts else np.zeros((0, 3), dtype=np.int64)
+
+
+def of_triangles(mesh: Any, name: str) -> NDArray | None:
+    """Field of the cells for each of `triangles`; None if the file does not have it."""
+    if name not in mesh.cell_data:
+        return None
+    parts = [np.tile(data, len(_PIECES.get(block.type, []))) for block, data in zip(mesh.cells, mesh.cell_data[name])]
+    return np.concatenate(parts)

@@ -11,6 +11,7 @@ from typing import Any
 
 from granfabric.cases.errors import InputError
 from granfabric.constitutive.effects import Effects
+from granfabric.constitutive.parameters import Closure
 
 from . import accuracy, pore_fluid
 from .reader import LoadedScene
@@ -20,6 +21,7 @@ MEMORY = "force_change"
 """Name under which the closure's memory of weak forces is decided, next to the effects."""
 WITH_MEMORY, WITHOUT_MEMORY = "shifted_distribution", "mean_field"
 SLIDING, SPREAD, FEEDBACK = "sliding", "irreversible_spread", "stiffness_feedback"
+SLIP_MEMORY = "tangential_memory"
 PEAK = "peak_stress_ratio"
 """Parameter of a material without which sliding means nothing."""
 FLUID, BULK = pore_fluid.EFFECT, pore_fluid.BULK
@@ -29,10 +31,11 @@ TOLERANCE = 1e-2
 
 @dataclass(frozen=True)
 class EffectSet:
-    """Effects that are on, and the closure's `force_change`."""
+    """Effects that are on, the closure's `force_change`, and whether with memory of weak forces contacts slip."""
 
     effects: Effects
     force_change: str
+    slips: bool = True
 
     def has(self, name: str) -> bool:
         """Whether an effect, or the memory of weak forces, is on."""
@@ -47,11 +50,12 @@ class EffectSet:
         return made.completed()
 
     def completed(self) -> EffectSet:
-        """Without what cannot act: an irreversible spread of weak forces that nothing follows."""
-        idle = self.force_change != WITH_MEMORY or not self.effects.network_changes
-        if idle and SPREAD in Effects.names() and self.has(SPREAD):
-            return replace(self, effects=replace(self.effects, **{SPREAD: False}))
-        return self
+        """Without what cannot act: an irreversible spread of weak forces that nothing follows, a memory of slip that
+        there is none of."""
+        followed = self.force_change == WITH_MEMORY and self.effects.network_changes
+        idle = [name for name, acts in ((SPREAD, followed), (SLIP_MEMORY, followed and self.slips)) if not acts]
+        off = {name: False for name in idle if self.has(name)}
+        return replace(self, effects=replace(self.effects, **off)) if off else self
 
     def names(self) -> list[str]:
         """Everything that is on."""
@@ -96,6 +100,11 @@ def sliding_is_possible(scene: Any) -> bool:
     )
 
 
+def contacts_slip(scene: Any) -> bool:
+    """Whether tangential forces are followed up to a limit, if the closure follows weak forces."""
+    return Closure(**{**scene.closure.model_dump(), MEMORY: WITH_MEMORY}).slips
+
+
 def is_possible(scene: Any, name: str) -> bool:
     """Whether the scene gives the parameters without which an effect, or the memory, means nothing."""
     if name == SLIDING:
@@ -110,7 +119,7 @@ def everything(scene: Any) -> EffectSet:
         said = asked(scene, name)
         values[name] = said if isinstance(said, bool) else is_possible(scene, name)
     change = scene.closure.force_change
-    made = EffectSet(Effects(**values), WITH_MEMORY if change == AUTO else change)
+    made = EffectSet(Effects(**values), WITH_MEMORY if change == AUTO else change, contacts_slip(scene))
     return made.completed()
 
 
@@ -128,18 +137,29 @@ def check(loaded: LoadedScene) -> None:
     """
     scene = loaded.scene
     network = [asked(scene, name) for name in ("contact_loss", "contact_gain")]
-    if SPREAD in Effects.names() and asked(scene, SPREAD) is True:
+    for name, lacking in (
+        (SPREAD, "which follows no distribution of weak forces that could spread"),
+        (SLIP_MEMORY, "which does not tell when contacts slip"),
+    ):
+        if asked(scene, name) is not True:
+            continue
         if asked(scene, MEMORY) is False:
             raise loaded.error(
-                ["effects", SPREAD],
-                f"effects.{SPREAD} = true needs closure.force_change = {WITH_MEMORY!r}, not "
-                f"{scene.closure.force_change!r}, which follows no distribution of weak forces that could spread",
+                ["effects", name],
+                f"effects.{name} = true needs closure.force_change = {WITH_MEMORY!r}, not "
+                f"{scene.closure.force_change!r}, {lacking}",
             )
         if network == [False, False]:
             raise loaded.error(
-                ["effects", SPREAD],
-                f"effects.{SPREAD} = true has nothing to act on with contact_loss = false and contact_gain = false",
+                ["effects", name],
+                f"effects.{name} = true has nothing to act on with contact_loss = false and contact_gain = false",
             )
+    if asked(scene, SLIP_MEMORY) is True and not contacts_slip(scene):
+        raise loaded.error(
+            ["effects", SLIP_MEMORY],
+            f"effects.{SLIP_MEMORY} = true needs contacts that slip: closure.tangential = 'frictional' with "
+            "tangential_force_ratio and slip above 0",
+        )
     if SLIDING in Effects.names() and asked(scene, SLIDING) is True and not sliding_is_possible(scene):
         place = next(key for key, part in material_sections(scene).items() if PEAK not in part.model_fields_set)
         raise loaded.error(
@@ -197,4 +217,4 @@ def recorded(scene: Any, record: dict[str, Any]) -> EffectSet:
         raise InputError(
             f"--resume: the record of the run does not tell what was decided about {error} (start anew without it)"
         ) from None
-    return EffectSet(Effects(**values), change)
+    return EffectSet(Effects(**values), change, said.slips)

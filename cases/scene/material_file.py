@@ -133,6 +133,11 @@ def material_text(
     )
     if errors is not None:
         head += "# +- is the standard error of this packing against the mean of many made alike\n"
+    if measured.get("gap_density_at_zero"):
+        head += (
+            "# gap_density_at_zero: of gaps so narrow that a fifth of the mean force closes them, between disks that\n"
+            "# bear forces; the line through all gaps in distributions.png is another, smaller number\n"
+        )
     head += "".join(f"# {name} could not be measured on this packing\n" for name in missing)
     tables = law_tables(measured)
     if "closure" in tables:

@@ -19,6 +19,11 @@ from granfabric.dem_ref.sample.disks import Sample
 ABOUT_ZERO = ("initial_fabric_xx", "initial_fabric_xy", "force_density_slope")
 """Of either sign and often near zero: an error larger than the value is what is to be expected."""
 
+NO_GAP = (
+    "none of its gaps is small enough to be counted, and the error is that of one gap: the law gains no contacts with "
+    "it; a packing of more disks tells"
+)
+
 
 @dataclass(frozen=True)
 class Inputs:
@@ -107,6 +112,8 @@ def remarks(inputs: Inputs) -> dict[str, list[str]]:
         error = inputs.errors.get(name, 0.0)
         if math.isnan(error):
             said.append("its error is not known: too few contacts or records")
+        elif name == "gap_density_at_zero" and value == 0.0:
+            said.append(NO_GAP)
         elif error > abs(value) and name not in ABOUT_ZERO:
             said.append("its error is larger than itself")
         if said:

@@ -21,6 +21,7 @@ from .schema_initial import FieldInitial, PointInitial, RandomState
 from .schema_law import ClosureSection, EffectsSection, IntegrationSection, MaterialSection, NamedMaterialSection
 from .schema_law_kind import LawSection, check_law, is_grains
 from .schema_mesh import Mesh
+from .schema_probe import Probe
 from .schema_stage import DRAINED, Solver, StageSection
 
 MapName = Literal[
@@ -80,12 +81,27 @@ class Output(Section):
 class FieldOutput(Output):
     """What a field run writes besides history.csv and run.json, and what its picture shows."""
 
+    compression: Literal["none", "fast", "small"] = Field(
+        default="fast",
+        description='of files: "none" takes least time, "small" least room at twenty times the time of "fast"',
+    )
     maps: Annotated[list[MapName], Field(max_length=4)] = Field(
         default=[], description="fields of the last step that are drawn; chosen by what varies if not given"
     )
     curve: Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=2, max_length=2)] | None = Field(
         default=None, description="two columns of history.csv, abscissa and ordinate, of the first curve"
     )
+    probe: Annotated[list[Probe], Field(max_length=200)] = Field(
+        default=[], description="places and lines whose values are written at every step"
+    )
+
+    @model_validator(mode="after")
+    def _probes_differ(self) -> FieldOutput:
+        names = [probe.name.lower() for probe in self.probe]  # one file each, also where case does not count
+        twice = next((name for place, name in enumerate(names) if name in names[:place]), None)
+        if twice is not None:
+            raise ValueError(f"output.probe: two probes have the name {twice!r}")
+        return self
 
 
 class LawScene(Scene):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, create_model, model_validator
 
 from .schema_base import Pair, Positive, Section, Triple
 
@@ -20,8 +20,6 @@ class Initial(Section):
 
     @model_validator(mode="after")
     def _compressive(self) -> Initial:
-        if not self._homogeneous():
-            return self
         xx, yy, xy = self.stress
         pressure, deviator = -(xx / 2 + yy / 2), math.hypot(xx / 2 - yy / 2, xy)
         if not pressure > deviator:
@@ -31,9 +29,6 @@ class Initial(Section):
                 "[-100e3, -100e3, 0.0]"
             )
         return self
-
-    def _homogeneous(self) -> bool:
-        return True
 
 
 class PointInitial(Section):
@@ -56,15 +51,41 @@ class PointInitial(Section):
         return self
 
 
-class FieldInitial(Initial):
-    """State before any loading, everywhere. With a gradient, `stress` holds at the `reference_point`."""
+K0 = Annotated[float, Field(gt=0.0, le=100.0)]
 
+_SOURCE: Any = {  # "from" is a word of Python
+    "from": (
+        Literal["stress", "weight", "gravity"],
+        Field(
+            "stress",
+            description="given by `stress`; geostatic, from weight and surcharge of the first stage, below level "
+            "ground; or an estimate of that below sloping ground, which the first stage brings into equilibrium",
+        ),
+    )
+}
+_Source: Any = create_model("_Source", __base__=Section, **_SOURCE)
+
+
+class FieldInitial(_Source):  # type: ignore[misc]
+    """State before any loading, everywhere. With a gradient, `stress` holds at the `reference_point`.
+
+    With `from = "weight"` the vertical stress is what lies above: weights are the `body_force` of the first stage,
+    which has to be named "initial", surcharge its pressure on the surface; the horizontal stress is `k0` times that.
+    With `from = "gravity"` displacements count from the end of the first stage.
+    """
+
+    stress: Triple | None = Field(default=None, description=STRESS)
     stress_gradient_x: Triple = Field(default=[0.0, 0.0, 0.0], description="rise of xx, yy, xy along x [Pa/m]")
     stress_gradient_y: Triple = Field(
         default=[0.0, 0.0, 0.0],
         description="rise of xx, yy, xy along y [Pa/m]; of yy the unit weight, where the ground is level",
     )
     reference_point: Pair = Field(default=[0.0, 0.0], description="where `stress` holds: x, y [m]")
+    k0: K0 | dict[str, K0] | None = Field(
+        default=None,
+        description="horizontal over vertical (effective) stress where weight gives it [-], of all or by region: "
+        "`{ upper = 0.5, lower = 0.6 }`",
+    )
     pore_pressure: float = Field(default=0.0, description=PRESSURE + "; with a gradient, at the `reference_point`")
     pore_pressure_gradient: Pair = Field(default=[0.0, 0.0], description="rise of it along x and y [Pa/m]")
     water_level: float | None = Field(
@@ -78,15 +99,34 @@ class FieldInitial(Initial):
     )
 
     @model_validator(mode="after")
+    def _complete(self) -> FieldInitial:
+        source = getattr(self, "from")
+        if source == "stress":
+            if self.stress is None:
+                raise ValueError('stress is missing (or from = "weight" with k0)')
+            if self.k0 is not None:
+                raise ValueError('k0 goes with from = "weight" or from = "gravity"')
+            if not any(self.stress_gradient_x) and not any(self.stress_gradient_y):
+                Initial(stress=self.stress)
+            return self
+        if self.k0 is None:
+            raise ValueError(f'from = "{source}" needs k0, horizontal over vertical stress')
+        if self.k0 == {}:
+            raise ValueError("k0 names no region")
+        given = [key for key in ("stress", "stress_gradient_x", "stress_gradient_y") if key in self.model_fields_set]
+        if given and any(any(getattr(self, key) or ()) for key in given):
+            raise ValueError(f'from = "{source}" takes the stress from the weight; leave out {", ".join(given)}')
+        if source == "gravity" and self.balance:
+            raise ValueError('from = "gravity" brings the initial stress into equilibrium; leave out balance')
+        return self
+
+    @model_validator(mode="after")
     def _one_pressure(self) -> FieldInitial:
         if self.water_level is not None and (self.pore_pressure or any(self.pore_pressure_gradient)):
             raise ValueError(
                 "water_level gives a pore pressure of its own: leave out pore_pressure and pore_pressure_gradient"
             )
         return self
-
-    def _homogeneous(self) -> bool:
-        return not any(self.stress_gradient_x) and not any(self.stress_gradient_y)
 
 
 class RandomState(Section):

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from .schema_base import Increments, Line, Pair, Section
+from .schema_body import ChangingBody
 from .schema_closed_form import ClosedFormLoad
 
 Component = Literal["x", "y"]
@@ -64,12 +65,12 @@ class BodyForceLoad(Section):
     region: str | None = Field(default=None, description="physical surface that carries it; everything if not given")
 
 
-class StageSection(Section):
+class StageSection(ChangingBody):
     """One stage of loading: all loads go linearly from their values at the end of the stage before to these.
 
     A first stage named "initial" holds its loads from the outset, in balance with the initial stress. What they do not
     balance, which the run says before its first step, fades out over the first stage; of a first stage with another
-    name no load acts at the outset.
+    name no load acts at the outset. Later stages may take regions away and add others: loads act on what is there.
     """
 
     name: Annotated[Line, Field(min_length=1, max_length=80)] = Field(description="of the stage; names must differ")

@@ -13,7 +13,7 @@ from typing import Any
 from granfabric.cases.records import files
 from granfabric.cases.records.dem_series import history_text
 from granfabric.cases.scene.measured import Inputs, as_data, from_data, measure_inputs
-from granfabric.dem_ref.compilation import kernel_cache_directory
+from granfabric.dem_ref.compilation import sources_mark
 from granfabric.dem_ref.dynamics.packing import make_packing
 from granfabric.dem_ref.inputs.probes import is_at_rest
 from granfabric.dem_ref.loading.path import biaxial_test
@@ -93,7 +93,8 @@ class Stopped(Exception):
 class DemStore:
     """DEM results in a folder, one set a seed.
 
-    File names carry a hash of everything that decides the numbers: the options and the sources of the DEM.
+    File names carry a hash of everything that decides the motion: the options and the sources of the DEM. Of what was
+    measured the notes tell the sources themselves.
 
     Parameters
     ----------
@@ -110,7 +111,7 @@ class DemStore:
         self.particles = particles
         folder.mkdir(parents=True, exist_ok=True)
         content = [loading_options(loading).fingerprint() for loading in (*LOADINGS, *PATHS)]
-        content += [str(particles), kernel_cache_directory().name]
+        content += [str(particles), sources_mark(motion_only=True)]
         self._mark = hashlib.sha256("\n".join(content).encode()).hexdigest()[:10]
 
     def path(self, seed: int, name: str) -> Path:
@@ -126,7 +127,7 @@ class DemStore:
         RunGivenUpError
             If a packing does not carry a loading to its end.
         """
-        notes = self._read_notes(seed)
+        notes = self.notes(seed)
         result = SeedResult(seed, self._packing(seed, notes, report, stop))
         if "measured" not in notes:
             report("measuring the inputs of the point law", 0.5)
@@ -206,17 +207,21 @@ class DemStore:
             )
         return run
 
-    def _read_notes(self, seed: int) -> dict[str, Any]:
+    def notes(self, seed: int) -> dict[str, Any]:
+        """What is known about a packing besides its files; nothing that was measured by other sources."""
         with suppress(OSError, ValueError):
             notes = files.read_json(self.path(seed, "notes.json"))
             if isinstance(notes, dict) and isinstance(notes.get("seconds"), dict):
+                if notes.get("sources") != sources_mark():
+                    for name in ("measured", "probes"):
+                        notes.pop(name, None)
+                        notes["seconds"].pop({"measured": "measuring"}.get(name, name), None)
                 return notes
         return {"seconds": {}}
 
     def _write_notes(self, seed: int, notes: dict[str, Any]) -> None:
-        files.write_json(
-            self.path(seed, "notes.json"), {name: value for name, value in notes.items() if name != "computed"}
-        )
+        kept = {name: value for name, value in notes.items() if name != "computed"}
+        files.write_json(self.path(seed, "notes.json"), {**kept, "sources": sources_mark()})
 
     @contextmanager
     def _timed(self, notes: dict[str, Any], name: str) -> Iterator[None]:

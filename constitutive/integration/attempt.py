@@ -103,7 +103,7 @@ def attempt_substep(
         target = SPARE if implicit or (not options.sliding and i == 0) else i
         known = not options.sliding and i == 0
         outcome, found, moduli, guess = stage(
-            target, trial, k, point, given, stressed, flow.largest, guess, known, here,
+            target, trial, k, block["inputs"], point, given, stressed, flow.largest, guess, known, here,
             closure, options, differentiate, i == 0, slide, rule, lanes,
         )
         if not options.sliding and i == 0:

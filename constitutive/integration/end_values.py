@@ -7,6 +7,7 @@ from granfabric.constitutive.material_table import (
     M_A2,
     M_F,
     M_GAINED,
+    M_HELD,
     M_LOST,
     M_N1,
     M_N2,
@@ -20,7 +21,7 @@ from granfabric.constitutive.stiffness import invariants
 
 
 @formula
-def end_values(closure, inputs, ends, point, stress, network, y, sums, largest, rotation, lanes):
+def end_values(closure, inputs, ends, point, stress, network, y, sums, largest, rotation, rule, lanes):
     """Write the micro-state at the end of an increment into the rows of `ends`, stress (xx, yy, xy) after it.
 
     Parameters
@@ -36,8 +37,11 @@ def end_values(closure, inputs, ends, point, stress, network, y, sums, largest, 
     largest : float
         Largest |s| so far.
     rotation : bool
+    rule : tuple
+        See `points.update_points`.
     """
-    for row in range(MICRO):
+    # what contacts hold is left by the closure that knows of it
+    for row in range(M_HELD):
         write(ends, row, read(inputs, row, lanes), lanes)
     for i in range(3):
         write(ends, MICRO + i, stress[i], lanes)
@@ -56,4 +60,4 @@ def end_values(closure, inputs, ends, point, stress, network, y, sums, largest, 
     write(ends, M_Z, network.z, lanes)
     write(ends, M_A1, network.a1, lanes)
     write(ends, M_A2, network.a2, lanes)
-    leave(closure, inputs, ends, point, p, network, y, largest, lanes)
+    leave(closure, inputs, ends, point, p, network, y, largest, rule, lanes)

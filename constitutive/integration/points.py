@@ -173,10 +173,12 @@ def finish(block, point, flow, here, moved, closure, options, slide, rule, lanes
         stress = (p, inverse, t1 * inverse, turns * t2 * inverse, flow.largest)
         unknown = (read(block["y"], 3, lanes), read(block["y"], 4, lanes), read(block["y"], 5, lanes))
         guess = (flow.guess1, flow.guess2)
-        solved, here, _ = network_at(closure, point, stress, unknown, guess, False, here, rule)
+        solved, here, _ = network_at(
+            closure, point, stress, unknown, guess, False, here, rule, block["inputs"], lanes
+        )
     end_values(
         closure, block["inputs"], block["ends"], point, (xx, yy, xy), here, block["y"], block["sums"], flow.largest,
-        options.rotation, lanes,
+        options.rotation, rule, lanes,
     )
     if options.sliding:
         for lane in range(len(lanes)):
@@ -286,7 +288,8 @@ def update_points(first, end, lanes, call, closure, options, numerics, scheme, r
     scheme : tuple of ndarray
         a, b and error weights of the Runge-Kutta pair.
     rule : tuple of ndarray
-        Gauss-Legendre nodes and weights; cosines and sines of the circle, cosines of half of it.
+        Gauss-Legendre nodes and weights; cosines and sines of the circle, cosines of half of it; classes of
+        `network.slip_memory`.
     """
     blocks, slides = np.zeros(1, BLOCK), np.zeros(1, SLIDE)
     advance_points(first, end, lanes, blocks[0], call, closure, options, numerics, scheme, rule, slides[0])

@@ -36,14 +36,14 @@ def stiffness_at(point, network, feedback):
     z = network.z if feedback else point.reference_z
     a1 = network.a1 if feedback else point.reference_a1
     a2 = network.a2 if feedback else point.reference_a2
-    k, g, b = point.bulk * z, point.shear * (z - point.offset), point.coupling * z
+    k, g, b = point.bulk * z, z * (point.shear + point.stiffening * z), point.coupling * z
     definite = (g > 0.0) & (b * b * (a1 * a1 + a2 * a2) < k * g)
     return (k, g, b, a1, a2), definite
 
 
 @formula
 def stage(
-    number, trial, k, point, given, stressed, largest, guess, known, here,
+    number, trial, k, inputs, point, given, stressed, largest, guess, known, here,
     closure, options, differentiate, deciding, slide, rule, lanes,
 ):  # fmt: skip
     """Rates at the state in `trial`, written into the rows of stage `number` of `k`.
@@ -54,6 +54,8 @@ def stage(
     trial : ndarray, shape (ADVANCED, lanes)
         Unknowns and, with derivatives, their derivatives.
     k : ndarray, shape (stages RATES, lanes)
+    inputs : ndarray
+        See `network.point`.
     point : Point
     given : tuple of 3
         Strain increment v, e_1, e_2, compression positive; where stress is given as well, xx, yy, xy, tension positive.
@@ -98,7 +100,7 @@ def stage(
     s1, s2 = t1 * inverse, t2 * inverse
     turns = 1.0 if options.rotation else 0.0
     stress = (p, inverse, s1, turns * s2, largest)
-    solved, network, partials = network_at(closure, point, stress, unknown, guess, known, here, rule)
+    solved, network, partials = network_at(closure, point, stress, unknown, guess, known, here, rule, inputs, lanes)
     stiffness, definite = stiffness_at(point, network, options.feedback)
     fabric = network.a1 * network.a1 + network.a2 * network.a2
     most = 1.0 if options.limited else 4.0
@@ -160,7 +162,7 @@ def stage(
             db = point.coupling * cz
             stiffening = (
                 point.bulk * cz,
-                point.shear * cz,
+                (point.shear + 2.0 * point.stiffening * network.z) * cz,
                 db,
                 db * stiffness[3] + stiffness[2] * c1,
                 db * stiffness[4] + stiffness[2] * c2,

@@ -14,7 +14,7 @@ def unknowns(closure, point, stress, micro):
 
 
 @formula
-def network_at(closure, point, stress, y, guess, known, here, rule):
+def network_at(closure, point, stress, y, guess, known, here, rule, inputs, lanes):
     """The network is the unknown."""
     zero = 0.0 * y[0]
     return zero == 0.0, Network(y[0], y[1], y[2], zero, zero, zero, zero, zero, zero, zero), zero
@@ -54,7 +54,7 @@ def remember(closure, y, accepted, largest, derivatives, rotation, lanes):
 
 
 @formula
-def leave(closure, inputs, ends, point, p, network, y, largest, lanes):
+def leave(closure, inputs, ends, point, p, network, y, largest, rule, lanes):
     """Nothing."""
 
 

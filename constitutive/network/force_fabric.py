@@ -80,18 +80,22 @@ def carried_force(s1, s2, a1, a2, t1, t2):
 
 
 @formula
-def carried_force_by_stress(s1, s2, a1, a2, mu, margin, t_by_s, t_by_p):
-    """Derivatives of A by s (11, 12, 21, 22) and by ln p (2) at fixed a_c, from those of a_t."""
+def carried_force_by_stress(s1, s2, a1, a2, mu, margin, t_by_s, skew, t_by_p):
+    """Derivatives of A by s (11, 12, 21, 22) and by ln p (2) at fixed a_c, from those of a_t.
+
+    Those of a_t by s are ``t_by_s`` (11, 12, 22), with `skew` more in 12 and less in 21.
+    """
     d11, d12, d22 = t_by_s
+    d21, d12 = d12 - skew, d12 + skew
     x1, x2 = t_by_p
     inverse = 1.0 / choose(margin > LEAST_MARGIN, margin, 1.0)
-    mu_s1 = (mu * a1 - 0.5 * (a1 * d11 + a2 * d12)) * inverse
+    mu_s1 = (mu * a1 - 0.5 * (a1 * d11 + a2 * d21)) * inverse
     mu_s2 = (mu * a2 - 0.5 * (a1 * d12 + a2 * d22)) * inverse
     mu_x = -0.5 * (a1 * x1 + a2 * x2) * inverse
     by_s = (
         2.0 * mu + 2.0 * s1 * mu_s1 - d11,
         2.0 * s1 * mu_s2 - d12,
-        2.0 * s2 * mu_s1 - d12,
+        2.0 * s2 * mu_s1 - d21,
         2.0 * mu + 2.0 * s2 * mu_s2 - d22,
     )
     return by_s, (2.0 * s1 * mu_x - x1, 2.0 * s2 * mu_x - x2)

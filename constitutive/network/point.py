@@ -61,9 +61,9 @@ class Point(NamedTuple):
     """Numbers of one point, or of eight; p and s compression positive, forces over kn r."""
 
     bulk: float
-    """K per contact [Pa]; with the next three: K = bulk z, G = shear (z - offset), B = coupling z."""
+    """K per contact [Pa]; with the next three: K = bulk z, G = z (shear + stiffening z), B = coupling z."""
     shear: float
-    offset: float
+    stiffening: float
     coupling: float
     reference_z: float
     """z and a_c of the stiffness where it does not follow the network."""
@@ -221,10 +221,11 @@ def load(inputs, options, lanes):
         read(inputs, first + PAR_BULK, lanes), read(inputs, first + PAR_SHEAR, lanes),
     )
     zero = 0.0 * z
-    offset = zero
+    stiffening = zero
     if options.isostatic:
-        offset = read(inputs, first + PAR_Z_ISO, lanes)
-        g = isostatic_shear(g, read(inputs, first + PAR_Z, lanes), offset)
+        g, stiffening = isostatic_shear(
+            g, read(inputs, first + PAR_Z, lanes), read(inputs, first + PAR_Z_ISO, lanes)
+        )
     p_zero, p_slope, half_gap, neighbours = zero, zero, zero, zero
     if options.loss:
         p_zero = read(inputs, first + PAR_P_ZERO, lanes)
@@ -237,7 +238,7 @@ def load(inputs, options, lanes):
     )
     turns = 1.0 if options.rotation else 0.0
     point = Point(
-        k, g, offset, b, z_ref, a1_ref, a2_ref, p_zero, p_slope, half_gap, neighbours,
+        k, g, stiffening, b, z_ref, a1_ref, a2_ref, p_zero, p_slope, half_gap, neighbours,
         read(inputs, first + PAR_C_N, lanes),
         # f/(kn r) = 2 pi p/(z phi kn), section 3 of the model
         2.0 * math.pi / (phi * kn),
@@ -264,10 +265,10 @@ def put_stiffness(stiffness, out):
 def put_stiffness_of(par, z, a1, a2, isostatic, out):
     """Write the elastic stiffness of a state [Pa] into `out`, shape (3, 3)."""
     k, g, b = moduli_per_contact(par[PAR_PHI], par[PAR_KN], par[PAR_RATIO], par[PAR_BULK], par[PAR_SHEAR])
-    offset = 0.0
+    stiffening = 0.0
     if isostatic:
-        g, offset = isostatic_shear(g, par[PAR_Z], par[PAR_Z_ISO]), par[PAR_Z_ISO]
-    put_stiffness((k * z, g * (z - offset), b * z, a1, a2), out)
+        g, stiffening = isostatic_shear(g, par[PAR_Z], par[PAR_Z_ISO])
+    put_stiffness((k * z, z * (g + stiffening * z), b * z, a1, a2), out)
 
 
 @formula

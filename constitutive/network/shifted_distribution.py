@@ -4,24 +4,32 @@ Forces of the contacts of a direction start with a density that is a straight li
 the mean force f_0 of the packing at its reference pressure p_0. Loading shifts and stretches them; what has moved below
 zero is lost. With P = p/p_0, in units of f_0 throughout:
 
-    D_0 = chi_p (P - 1),    D_1 = P X_1 / P^a,    X_1 = chi A + V/p,    A = a_n + a_c  (`force_fabric`)
+    D_0 = chi_p (P - 1) / max(P, 1)^a,    D_1 = P X_1 / P^a,    X_1 = chi A + V/p,    A = a_n + a_c  (`force_fabric`)
     lambda(D) = P0 E[max(-D, 0)] + P0'/2 E[max(-D, 0)^2]      (a falling line ends where it is zero)
     Lambda(theta) = phi lambda(D_0 + D_1.e/phi) + (1 - phi) lambda(D_0),      phi = chi, within [0.1, 1]
-    N(theta) = (1 + a_c(0).e) exp(-Lambda - Lambda^2/2 + g E[max(D, 0)])
-    z = z(0) <N>,    a_c = 2 <N e>/<N>,    g = beta P_xi0 f_0/(2 kn r) at z(0)
-    S^2 = (c_e |D_1|)^2 + (c_p D_0)^2 + (P^(1-a) S_i)^2,      S_i = c_i max |s|^2,   expectations over S
+    N(theta) = (1 + a_c(0).e) exp(-Lambda - Lambda^2/2) [1 + beta (1 - exp(-g G))],    G = E[max(D, 0)] + R
+    z = z(0) <N>,    a_c = 2 <N e>/<N>,    g = P_xi0 f_0/(2 kn r),    beta = (z_nb - z(0))/z(0)
+    R = chi_p (P - 1) (1 - P^-a) where P > 1, else 0
+    S^2 = (c_e |D_1|)^2 + (c_p D_0)^2 + (P^(1-a) S_i m/(m + L))^2,   expectations over S
+    S_i = c_i m^2,    m = max |s|,    L as in `tangential_force`
 
 Forces are counted in units of the initial mean force because that is what the density P0 is known for: when the
 pressure has fallen to half, forces have come closer to zero by half of that mean, not by all of the present one. What a
 shift reaches by then has been pushed together by the pressure, or spread by a higher one: stronger contacts feel more
-of its change, so that weak forces are stretched by P^a, with a measured as their response grows with the force. The
-fraction phi of weak contacts follows the mean change of their direction; the others, on particles with three
-contacts mostly, do not feel the direction at all. V = p Y is what the packing carried before anything was
-loaded, ``-chi p_0 A_0``, and stays: the force that all initial contacts of a direction carry is p (1 + A.e), by the
-stress. So z and a_c are functions of stress and of the largest |s|, whatever the path.
+of its change, so that weak forces are stretched by P^a, with a measured as their response grows with the force. Where
+the pressure rises everything that shifts them is reached through that stretch. Where it falls, contacts that come
+close to opening feel less and less of the change, and the isotropic loss stays in proportion to it. What slip leaves
+behind is delayed by a grown pressure as slip itself is, by L. The fraction phi of weak contacts follows the mean change
+of their direction; the others, on particles with three contacts mostly, do not feel the direction at all. V = p Y is
+what the packing carried before anything was loaded, ``-chi p_0 A_0``, and stays: the force that all initial contacts of
+a direction carry is p (1 + A.e), by the stress. So z and a_c are functions of stress and of the largest |s|, whatever
+the path.
 
 A density loses exactly the fraction Lambda; ``exp(-Lambda - Lambda^2/2)`` is that up to the third order and stays
-positive. X_1 follows from the stress by two equations, because A depends on a_c. N > 0 makes z > 0, |a_c| < 2.
+positive. Of the pairs of neighbours that are still open, (z_nb - z)/z a contact, the same fraction closes at every step
+[eq. 13], so that those left open decay and z never exceeds the number of neighbours. X_1 follows from the stress by two
+equations, because A depends on a_c. N > 0 makes z > 0, |a_c| < 2. Gaps close by displacements, which nothing
+stretches: R is what the stretch has taken off D_0.
 
 The averages < > are taken in the frame of X_1, in which D depends on the cosine alone: half of the directions do.
 """
@@ -33,6 +41,7 @@ from granfabric.constitutive.lanes.eight import choose, somewhere
 from granfabric.constitutive.lanes.elementary import exponential
 
 from .force_fabric import LEAST_MARGIN, carried_force, carried_force_by_stress, tangential_force
+from .slip_memory import with_memory
 from .tangential_force import slip_numbers
 from .weak_forces import lost_and_gained
 
@@ -42,9 +51,21 @@ STEP_TOLERANCE = 1e-8
 
 
 @formula
-def logarithm(lost, above, gain):
-    """ln N of one direction without the initial density."""
-    return gain * above - lost - 0.5 * lost * lost
+def kept(lost):
+    """What is left of the contacts of a direction."""
+    return exponential(-lost - 0.5 * lost * lost)
+
+
+@formula
+def grown(above, gain):
+    """Factor by which gained contacts multiply N, and its relative derivative by G; `gain` is g, beta, R."""
+    factor, relative = 1.0 + 0.0 * above, 0.0 * above
+    rate, room, rest = gain
+    if somewhere(room > 0.0):
+        still = room * exponential(-rate * (above + rest))
+        factor += room - still
+        relative = rate * still / factor
+    return factor, relative
 
 
 @formula
@@ -67,10 +88,12 @@ def moments_along(shift, reach, s, density, gain, following, cosines):
 
     Parameters
     ----------
-    shift, reach, s, gain : float
-        D_0, |D_1|, S and g.
+    shift, reach, s : float
+        D_0, |D_1| and S.
     density : tuple of 2 floats
         P0 and P0'.
+    gain : tuple of 3 floats
+        g, beta and R.
     following : float
         phi.
     cosines : ndarray, shape (directions/2,)
@@ -82,24 +105,26 @@ def moments_along(shift, reach, s, density, gain, following, cosines):
         <M>, <M c>, <M c^2>.
     by_reach : tuple of 4
         The same for M times the derivative of ln M by D_1.e, up to c^3.
-    by_shift, by_s : tuples of 3
-        The same for the derivatives by D_0 and S, up to c^2.
+    by_shift, by_s, by_rest : tuples of 3
+        The same for the derivatives by D_0, S and R, up to c^2.
     """
     weight = 1.0 / cosines.shape[0]
     zero = 0.0 * shift
     m0, m1, m2, x_0, x_1, x_2, x_3 = zero, zero, zero, zero, zero, zero, zero
     s_0, s_1, s_2, d_0, d_1, d_2 = zero, zero, zero, zero, zero, zero
+    r_0, r_1, r_2 = zero, zero, zero
     rest, rest_x, rest_s, rest_above, rest_above_x, rest_above_s = resting_part(following, density, shift, s)
     far = reach / following
     for i in range(cosines.shape[0]):
         c = cosines[i]
         lost, lost_x, lost_s, above, above_x, above_s = lost_and_gained(density[0], density[1], shift + far * c, s)
         lost = following * lost + rest
-        m = exponential(logarithm(lost, following * above + rest_above, gain)) * weight
+        more, gaining = grown(following * above + rest_above, gain)
+        m = kept(lost) * more * weight
         factor = -(1.0 + lost)
-        by_x = factor * lost_x + gain * above_x
-        by_d = following * by_x + factor * rest_x + gain * rest_above_x
-        by_s = factor * (following * lost_s + rest_s) + gain * (following * above_s + rest_above_s)
+        by_x = factor * lost_x + gaining * above_x
+        by_d = following * by_x + factor * rest_x + gaining * rest_above_x
+        by_s = factor * (following * lost_s + rest_s) + gaining * (following * above_s + rest_above_s)
         m0 += m
         m1 += m * c
         m2 += m * (c * c)
@@ -114,7 +139,11 @@ def moments_along(shift, reach, s, density, gain, following, cosines):
         s_0 += by_s
         s_1 += by_s * c
         s_2 += by_s * (c * c)
-    return (m0, m1, m2), (x_0, x_1, x_2, x_3), (d_0, d_1, d_2), (s_0, s_1, s_2)
+        gaining = gaining * m
+        r_0 += gaining
+        r_1 += gaining * c
+        r_2 += gaining * (c * c)
+    return (m0, m1, m2), (x_0, x_1, x_2, x_3), (d_0, d_1, d_2), (s_0, s_1, s_2), (r_0, r_1, r_2)
 
 
 @formula
@@ -131,7 +160,9 @@ def fabric_change(change, n0, a1, a2):
 
 
 @formula
-def network_of(weak, irreversible, stress_ratio, y, guess, origin, density, normal, c_n, closure, cosines):
+def network_of(
+    weak, irreversible, stress_ratio, y, guess, origin, density, normal, c_n, closure, start, rule, inputs, lanes
+):
     """Coordination number and fabric of a state, with derivatives.
 
     Parameters
@@ -139,7 +170,7 @@ def network_of(weak, irreversible, stress_ratio, y, guess, origin, density, norm
     weak : WeakState
         What the pressure does.
     irreversible : float
-        S_i.
+        S_i m/(m + L).
     stress_ratio, y : tuples of 2 floats
         s and Y = V/p.
     guess : tuple of 2 floats
@@ -151,8 +182,9 @@ def network_of(weak, irreversible, stress_ratio, y, guess, origin, density, norm
     normal : tuple of 2 floats
         a_n, if it follows from s alone, and c_n its derivative by s.
     closure : closures.ShiftedDistribution
-    cosines : ndarray
-        See `moments_along`.
+    start, rule, inputs, lanes :
+        Entries 4 and 5 of the rule are the cosines of `moments_along` and slip classes; the others see
+        `slip_memory.with_memory`.
 
     Returns
     -------
@@ -161,11 +193,11 @@ def network_of(weak, irreversible, stress_ratio, y, guess, origin, density, norm
     network : tuple of 5 floats
         z, a_c (2), X_1 (2).
     changes : tuple of 3 tuples of 6 floats
-        Derivatives of z, a_c1, a_c2 by ln p, s (2), Y (2), S_i.
+        Derivatives of z, a_c1, a_c2 by ln p, s (2), Y (2), `irreversible`.
     force : tuple of 5 floats
         A (2), mu, a_t (2).
     """
-    shift, stretch, gain = weak.shift, weak.stretch, weak.gain
+    shift, stretch, gain = weak.shift, weak.stretch, (weak.gain, weak.room, weak.closing)
     s1, s2 = stress_ratio
     chi, c_e, c_p, following = closure.chi, closure.c_e, closure.c_p, closure.following
     numbers, numbers_by_p = slip_numbers(closure, weak, density[0])
@@ -179,6 +211,12 @@ def network_of(weak, irreversible, stress_ratio, y, guess, origin, density, norm
     usable = (abs(x1) < 1e6) & (abs(x2) < 1e6)
     x1, x2 = choose(usable, x1, y[0]), choose(usable, x2, y[1])
     found = abs(x1) + abs(x2) < 1e6
+    skew = 0.0 * s1
+    if closure.remembers:
+        first = (t, t_by_s, t_by_p)
+        t, t_by_s, skew, t_by_p = with_memory(
+            weak, s1, s2, first, numbers, numbers_by_p, start, rule[5], inputs, lanes
+        )
     iteration = 0
     while True:
         size = math.sqrt(x1 * x1 + x2 * x2)
@@ -188,7 +226,7 @@ def network_of(weak, irreversible, stress_ratio, y, guess, origin, density, norm
         q1, q2 = origin[1] * e1 + origin[2] * e2, origin[2] * e1 - origin[1] * e2
         reach = stretch * size
         spread = spread_of(shift, reach, stretch * irreversible, c_e, c_p)
-        number, m_x, m_d, m_s = moments_along(shift, reach, spread, density, gain, following, cosines)
+        number, m_x, m_d, m_s, m_r = moments_along(shift, reach, spread, density, gain, following, rule[4])
         n0, n1, n2 = with_initial_fabric(number, q1, q2)
         a1, a2 = 2.0 * n1 / n0, 2.0 * n2 / n0
         by_spread = with_initial_fabric(m_s, q1, q2)
@@ -237,7 +275,10 @@ def network_of(weak, irreversible, stress_ratio, y, guess, origin, density, norm
         x2 = choose(going, x2 - (step1 * e2 + step2 * e1), x2)
     # derivatives by ln p, s (2), Y (2), S_i: direct ones of <N>, <N e>, of A at fixed a_c, then those through X_1
     by_shift = with_initial_fabric(m_d, q1, q2)
-    a_by_s, a_by_p = carried_force_by_stress(f1, f2, a1, a2, mu, margin, turned(t_by_s, e1, e2), turn(t_by_p, e1, e2))
+    by_rest = with_initial_fabric(m_r, q1, q2)
+    a_by_s, a_by_p = carried_force_by_stress(
+        f1, f2, a1, a2, mu, margin, turned(t_by_s, e1, e2), skew, turn(t_by_p, e1, e2)
+    )
     if not closure.frictional:
         a_by_s, a_by_p = (c_n, 0.0 * c_n, 0.0 * c_n, c_n), (0.0 * a1, 0.0 * a1)
     # with ln p everything that is not isotropic is stretched by P^(1-a)
@@ -250,10 +291,15 @@ def network_of(weak, irreversible, stress_ratio, y, guess, origin, density, norm
     none = 0.0 * n0
     nothing = (none, none, none)
     stretching = weak.growth * reach
+    direct = (
+        weak.shift_by_p * by_shift[0] + weak.closing_by_p * by_rest[0],
+        weak.shift_by_p * by_shift[1] + weak.closing_by_p * by_rest[1],
+        weak.shift_by_p * by_shift[2] + weak.closing_by_p * by_rest[2],
+    )
     pressure = (
-        weak.shift_by_p * by_shift[0] + stretching * outward[0] + by_spread[0] * spread_by_p,
-        weak.shift_by_p * by_shift[1] + stretching * outward[1] + by_spread[1] * spread_by_p,
-        weak.shift_by_p * by_shift[2] + stretching * outward[2] + by_spread[2] * spread_by_p,
+        direct[0] + stretching * outward[0] + by_spread[0] * spread_by_p,
+        direct[1] + stretching * outward[1] + by_spread[1] * spread_by_p,
+        direct[2] + stretching * outward[2] + by_spread[2] * spread_by_p,
     )
     forces = (a_by_p[0], a_by_p[1])
     z_p, a1_p, a2_p = _change(pressure, forces, solution, fabric, through, chi, along, across)
@@ -333,15 +379,15 @@ def turned_pair(m, e1, e2):
 
 @formula
 def contacts_towards(origin, density, closure, state, c, t):
-    """N in the direction (c, t); `state` is D_0, D_1 (2), the irreversible part of S, g."""
+    """N in the direction (c, t); `state` is D_0, D_1 (2), the irreversible part of S, and g, beta, R."""
     shift, d1, d2, irreversible, gain = state
     following = closure.following
     s = spread_of(shift, math.sqrt(d1 * d1 + d2 * d2), irreversible, closure.c_e, closure.c_p)
     rest, _, _, rest_above, _, _ = resting_part(following, density, shift, s)
     towards = shift + (d1 * c + d2 * t) / following
     lost, _, _, above, _, _ = lost_and_gained(density[0], density[1], towards, s)
-    value = logarithm(following * lost + rest, following * above + rest_above, gain)
-    return (1.0 + origin[1] * c + origin[2] * t) * exponential(value)
+    more, _ = grown(following * above + rest_above, gain)
+    return (1.0 + origin[1] * c + origin[2] * t) * kept(following * lost + rest) * more
 
 
 @formula

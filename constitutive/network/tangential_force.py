@@ -95,6 +95,4 @@ def slip_numbers(closure, weak, p_zero):
     c_t_by_p = choose(rising, 0.0, closure.kappa * (1.0 + lost) * p_zero * closure.chi_p * ratio * c_t)
     k = closure.slip * choose(rising, 1.0, weak.stretch)
     k_by_p = choose(rising, 0.0, weak.growth * k)
-    delay = closure.delay * choose(rising, weak.shift / ratio, 0.0)
-    delay_by_p = choose(rising, closure.delay * closure.chi_p / ratio, 0.0)
-    return (c_t, k, delay), (c_t_by_p, k_by_p, delay_by_p)
+    return (c_t, k, weak.delay), (c_t_by_p, k_by_p, weak.delay_by_p)

@@ -28,8 +28,10 @@ from granfabric.constitutive.material_table import (
     MICRO,
 )
 
-from .point import LARGEST_COORDINATION, Network, load
+from .point import Network, load
 from .shifted_distribution import network_of, split_change
+from .slip_memory import keep_held
+from .tangential_force import slip_numbers
 
 
 class WeakState(NamedTuple):
@@ -45,8 +47,18 @@ class WeakState(NamedTuple):
     """D_0."""
     shift_by_p: float
     """Its derivative by ln p."""
+    closing: float
+    """R: what gaps close by besides."""
+    closing_by_p: float
+    relative_shift: float
+    """X_0 = chi_p (1 - 1/P): the shift without any stretch, in units of the present mean force."""
+    delay: float
+    """L = lambda max(X_0, 0): the stress ratio by which a grown pressure delays slip."""
+    delay_by_p: float
     gain: float
-    """g (f_0 and beta at the initial coordination number)."""
+    """g."""
+    room: float
+    """beta at the initial coordination number: pairs that may close, over contacts; 0 without gain."""
 
 
 @formula
@@ -56,15 +68,28 @@ def weak_state(closure, point, p):
     reference = point.start_p * larger(1.0 - point.start_shift / closure.chi_p, 1e-9)
     ratio = p / reference
     room = point.neighbours - point.origin_z
-    room = choose(room > 0.0, room, 0.0)
+    room = choose(room > 0.0, room, 0.0) / point.origin_z
     growth = 1.0 - closure.gradient
+    stretch = power(ratio, growth)
+    plain = closure.chi_p * (ratio - 1.0)
+    rising = ratio > 1.0
+    # P^-a
+    narrowing = choose(rising, stretch / ratio, 1.0)
+    shift = plain * narrowing
+    shift_by_p = closure.chi_p * ratio * narrowing - choose(rising, closure.gradient, 0.0) * shift
     return WeakState(
         ratio,
-        power(ratio, growth),
+        stretch,
         growth,
-        closure.chi_p * (ratio - 1.0),
-        closure.chi_p * ratio,
-        room / point.origin_z * point.half_gap * (point.force_scale * reference / point.origin_z),
+        shift,
+        shift_by_p,
+        plain - shift,
+        closure.chi_p * ratio - shift_by_p,
+        plain / ratio,
+        choose(rising, closure.delay * (plain / ratio), 0.0),
+        choose(rising, closure.delay * (closure.chi_p / ratio), 0.0),
+        choose(room > 0.0, point.half_gap * (point.force_scale * reference / point.origin_z), 0.0),
+        room,
     )
 
 
@@ -84,7 +109,25 @@ def irreversible_spread(closure, spread, largest, s1, s2):
 
 
 @formula
-def network_at(closure, point, stress, y, guess, known, here, rule):
+def slipped(closure, spread, largest, weak):
+    """What slip has left of S_i at a pressure, with its derivatives by S_i and by ln p; `largest` is |s| of S_i.
+
+    A contact that a grown pressure holds does not slip, and leaves nothing: ``S_i m/(m + L)``, as `tangential_force`
+    has it for a_t. S_i grows with m, so that the derivative by S_i has both.
+    """
+    total = largest + weak.delay
+    held = (weak.delay > 0.0) & (total > 0.0)
+    inverse = 1.0 / choose(held, total, 1.0)
+    free = choose(held, largest * inverse, 1.0)
+    c_i = closure.c_i
+    # dm = dS_i/(2 c_i m)
+    growing = spread * weak.delay * inverse * inverse / choose(c_i * largest > 0.0, 2.0 * c_i * largest, 1.0)
+    by_spread = free + choose(held & (c_i * largest > 0.0), growing, 0.0)
+    return spread * free, by_spread, choose(held, -spread * free * inverse * weak.delay_by_p, 0.0)
+
+
+@formula
+def network_at(closure, point, stress, y, guess, known, here, rule, inputs, lanes):
     """z and a_c of the stress and the unknowns, with derivatives.
 
     Parameters
@@ -100,14 +143,13 @@ def network_at(closure, point, stress, y, guess, known, here, rule):
     known : bool
         The network is `here`, and its derivatives are not wanted.
     here : Network
-    rule : tuple
-        Its entry 4 holds the cosines of `shifted_distribution.moments_along`.
+    rule, inputs, lanes :
+        See `shifted_distribution.network_of`.
 
     Returns
     -------
     solved : bool
     network : Network
-        With more contacts than a particle has neighbours z is beyond what is admissible.
     partials : tuple
     """
     p, inverse, s1, s2, largest = stress
@@ -117,12 +159,14 @@ def network_at(closure, point, stress, y, guess, known, here, rule):
     if not known:
         spread, virgin = irreversible_spread(closure, y[0], largest, s1, s2)
         weak = weak_state(closure, point, p)
+        size = math.sqrt(s1 * s1 + s2 * s2)
+        left, left_by_spread, left_by_p = slipped(closure, spread, choose(virgin, size, largest), weak)
         y1, y2 = y[1] * inverse, y[2] * inverse
         normal1 = point.start_n1 + point.c_n * (s1 - point.start_s1)
         normal2 = point.start_n2 + point.c_n * (s2 - point.start_s2)
         solved, (z, a1, a2, x1, x2), changes, (c1, c2, mu, t1, t2) = network_of(
             weak,
-            spread,
+            left,
             (s1, s2),
             (y1, y2),
             guess,
@@ -131,14 +175,24 @@ def network_at(closure, point, stress, y, guess, known, here, rule):
             (normal1, normal2),
             point.c_n,
             closure,
-            rule[4],
+            (point.start_s1, point.start_s2, point.start_p * weak.ratio * inverse),
+            rule,
+            inputs,
+            lanes,
         )
-        # contacts are neighbours; a gain in proportion to the shift does not know when it has used them up
-        many = z > larger(point.neighbours, 1.001 * point.origin_z)
-        z = choose(many, LARGEST_COORDINATION, z)
         network = Network(z, a1, a2, x1, x2, c1, c2, mu, t1, t2)
-        partials = (changes[0], changes[1], changes[2], y1, y2, choose(virgin, 2.0 * closure.c_i, zero))
+        by_z = _by_spread(changes[0], left_by_spread, left_by_p)
+        by_1 = _by_spread(changes[1], left_by_spread, left_by_p)
+        by_2 = _by_spread(changes[2], left_by_spread, left_by_p)
+        partials = (by_z, by_1, by_2, y1, y2, choose(virgin, 2.0 * closure.c_i, zero))
     return solved, network, partials
+
+
+@formula
+def _by_spread(change, left_by_spread, left_by_p):
+    """Derivatives by ln p, s (2), V/p (2), S_i from those at a given rest of S_i and by that rest."""
+    at_p, at_1, at_2, at_y1, at_y2, at_left = change
+    return at_p + at_left * left_by_p, at_1, at_2, at_y1, at_y2, at_left * left_by_spread
 
 
 @formula
@@ -201,10 +255,10 @@ def remember(closure, y, accepted, largest, derivatives, rotation, lanes):
 
 
 @formula
-def leave(closure, inputs, ends, point, p, network, y, largest, lanes):
+def leave(closure, inputs, ends, point, p, network, y, largest, rule, lanes):
     """Shift and spread of the weak forces; with "frictional" a_n, a_t and f as functions of the state."""
     weak = weak_state(closure, point, p)
-    write(ends, M_SHIFT, weak.shift / weak.ratio, lanes)
+    write(ends, M_SHIFT, weak.relative_shift, lanes)
     write(ends, M_SHIFT + 1, network.shift1, lanes)
     write(ends, M_SHIFT + 2, network.shift2, lanes)
     write(ends, M_SPREAD, read(y, 3, lanes), lanes)
@@ -218,6 +272,11 @@ def leave(closure, inputs, ends, point, p, network, y, largest, lanes):
         write(ends, M_N2, network.carried2 - network.a2, lanes)
         write(ends, M_T1, network.tangential1, lanes)
         write(ends, M_T2, network.tangential2, lanes)
+    if closure.remembers:
+        start = (point.start_s1, point.start_s2, point.start_p * weak.ratio / p)
+        numbers, _ = slip_numbers(closure, weak, point.p_zero)
+        turns = 1.0 if closure.turns else 0.0
+        keep_held(weak, start, numbers[2], turns, rule[5], inputs, ends, lanes)
 
 
 @formula
@@ -229,21 +288,23 @@ def split(closure, inputs, ends, options, rule, lanes):
     """
     point = load(inputs, options, lanes)[0]
     weak = weak_state(closure, point, point.start_p)
+    left, _, _ = slipped(closure, read(inputs, M_SPREAD, lanes), read(inputs, M_LARGEST_S, lanes), weak)
     start = (
         weak.shift,
         weak.stretch * read(inputs, M_SHIFT + 1, lanes),
         weak.stretch * read(inputs, M_SHIFT + 2, lanes),
-        weak.stretch * read(inputs, M_SPREAD, lanes),
-        weak.gain,
+        weak.stretch * left,
+        (weak.gain, weak.room, weak.closing),
     )
     p = -0.5 * (read(ends, MICRO, lanes) + read(ends, MICRO + 1, lanes))
     weak = weak_state(closure, point, p)
+    left, _, _ = slipped(closure, read(ends, M_SPREAD, lanes), read(ends, M_LARGEST_S, lanes), weak)
     end = (
         weak.shift,
         weak.stretch * read(ends, M_SHIFT + 1, lanes),
         weak.stretch * read(ends, M_SHIFT + 2, lanes),
-        weak.stretch * read(ends, M_SPREAD, lanes),
-        weak.gain,
+        weak.stretch * left,
+        (weak.gain, weak.room, weak.closing),
     )
     origin = (point.origin_z, point.origin_a1, point.origin_a2)
     density = (point.p_zero, point.p_slope)
@@ -260,6 +321,10 @@ class ShiftedDistribution(NamedTuple):
     """Numbers and choices of the closure "shifted_distribution"; see `closures` for what it answers."""
 
     frictional: bool
+    remembers: bool
+    """Tangential forces depend on the way to the present stress."""
+    turns: bool
+    """The stress ratio has two components."""
     chi: float
     following: float
     """phi: fraction of weak contacts that follow the mean change of their direction."""

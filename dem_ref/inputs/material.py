@@ -1,7 +1,7 @@
 """The material table of the point law, measured on a packing.
 
-Everything comes from the packing itself, from probes that go no further than 5 % in p and q/p = 0.05, and from an
-isotropic unloading:
+Everything comes from the packing itself, from probes that go no further than q/p = 0.05, and from an isotropic
+unloading:
 
 ===============================================  ===============================================================
 the packing at rest                              coordination, solid_fraction, force_density_at_zero,
@@ -10,8 +10,8 @@ elastic probes of 0.2 % of p                     bulk_reduction, shear_reduction
                                                  weak_contact_gradient, elastic_scatter,
                                                  elastic_scatter_isotropic, fluctuation, tangential_force_ratio,
                                                  slip_delay (with the friction coefficient)
-an isotropic unloading by 5 %                    isostatic_coordination
-one by 40 %                                      weak_contact_ratio_isotropic, tangential_force_loss
+an isotropic unloading by 60 %                   weak_contact_ratio_isotropic, tangential_force_loss
+one by 80 %                                      isostatic_coordination
 loops to q/p = 0.05                              force_anisotropy_ratio, slip, irreversible_scatter
 ===============================================  ===============================================================
 
@@ -43,7 +43,7 @@ from granfabric.dem_ref.measures.tessellation import (
 from granfabric.dem_ref.measures.uncertainty import Measured, blocks_of, blocks_of_contacts, jackknife
 from granfabric.dem_ref.sample.disks import Sample, SampleError
 
-from .probes import ELASTIC_LIMITS, at_rest, elastic_moduli, elastic_probes, moduli_errors, shear_modulus, stress_probe
+from .probes import at_rest, elastic_moduli, elastic_probes, moduli_errors
 from .unloading import measure_unloading
 from .weak_contacts import LOOP_STRESS_RATIO, measure_slip_with_errors, measure_weak_contacts, weak_contact_errors
 
@@ -62,10 +62,6 @@ CLOSURE_KEYS = (
 CLOSING_FORCE = 0.2
 """Gaps are counted up to the displacement that changes a contact force by this fraction of the mean force: the density
 of gaps diverges weakly at zero, and loading closes those that lie within such displacements."""
-UNLOADING = 0.05
-"""Fraction of p taken off to see how the shear modulus falls with the coordination number."""
-
-
 ISOTROPIC = 0.01
 """Largest q/p of a packing that counts as isotropic; what a packing is left with after it was made is below 1e-6."""
 
@@ -89,8 +85,7 @@ def measure_material_with_errors(
         Under isotropic stress, friction on; not changed. If it is not at rest, a copy held at its stress is measured.
     rattlers : str
         ``"included"``: coordination over all particles, to which the uniform-strain moduli and the mean force refer;
-        ``"excluded"``: without rattlers. The isostatic coordination follows the same counting: it is where the straight
-        line through the elastic shear moduli before and after an isotropic unloading, over z, reaches zero.
+        ``"excluded"``: without rattlers. The isostatic coordination follows the same counting.
     loop_stress_ratio : float
         q/p of the loops at constant p.
 
@@ -128,7 +123,8 @@ def measure_material_with_errors(
     line_errors = edge_errors(contacts.normal_force, block, FORCE_WINDOW)
     density, slope = Measured(line.value, line_errors[0]), Measured(line.slope, line_errors[1])
     tangential = Measured(weak.tangential_ratio, weak_error.tangential_ratio)
-    unloading = measure_unloading(sample, density, slope, tangential)
+    modulus = Measured(moduli.shear, shear_error * moduli.shear)
+    unloading = measure_unloading(sample, density, slope, tangential, modulus, rattlers)
     bearing = bearing_particles(sample.count, contacts, rattler_minimum(sample))
     return {
         "coordination": _coordination(sample, contacts, rattlers),
@@ -142,7 +138,7 @@ def measure_material_with_errors(
         "force_anisotropy_ratio": Measured(loop.force_anisotropy_ratio, loop_error.force_anisotropy_ratio),
         "bulk_reduction": Measured(moduli.bulk_reduction, bulk_error * moduli.bulk_reduction),
         "shear_reduction": Measured(moduli.shear_reduction, shear_error * moduli.shear_reduction),
-        "isostatic_coordination": _isostatic(sample, moduli.shear, shear_error, rattlers),
+        "isostatic_coordination": unloading.isostatic,
         "weak_contact_ratio": Measured(weak.ratio, weak_error.ratio),
         "weak_contact_ratio_isotropic": unloading.ratio,
         "weak_contact_gradient": Measured(weak.gradient, weak_error.gradient),
@@ -193,30 +189,3 @@ def _slip_delay(friction: float, response: float, response_error: float) -> Meas
 def mean_overlap(sample: Sample) -> float:
     """Mean normal force over kn [m]."""
     return force_harmonics(contacts_of(sample)).mean / sample.normal_stiffness
-
-
-def isostatic_coordination(sample: Sample, modulus: float, rattlers: str) -> float:
-    """Coordination number where a straight line through G(z) reaches zero; G [Pa] of the packing itself is given."""
-    return _isostatic(sample, modulus, float("nan"), rattlers).value
-
-
-def _isostatic(sample: Sample, modulus: float, modulus_error: float, rattlers: str) -> Measured:
-    """The same with its error; that of the modulus is relative, of the mean over two directions.
-
-    ``z_iso = z - dz/s`` with the contacts lost on unloading and the softening s. Both hang on a count of few contacts,
-    and s on the direction of the one modulus after unloading, which is off as much as the mean of two may be.
-    """
-    p = stress_invariants(love_weber_stress(sample))[0]
-    probe = stress_probe(sample, -UNLOADING * p, 0.0, limits=ELASTIC_LIMITS)
-    unloaded = probe.sample
-    before, after = coordination_number(sample), coordination_number(unloaded)
-    counted = "all_particles" if rattlers == "included" else "without_rattlers"
-    z0, z1 = getattr(before, counted), getattr(after, counted)
-    softening = 1.0 - shear_modulus(unloaded) / modulus
-    if not softening > 0.0:
-        return Measured(float("nan"), float("nan"))
-    lost = probe.change.lost
-    count_error = 2.0 * np.sqrt(lost + 1.0) / sample.count
-    softening_error = np.hypot(modulus_error, softening / np.sqrt(max(lost, 1)))
-    error = np.hypot(count_error / softening, (z0 - z1) / softening**2 * softening_error)
-    return Measured(z0 - (z0 - z1) / softening, float(error))

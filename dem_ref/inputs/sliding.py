@@ -106,7 +106,7 @@ def plastic_part(
     kn, ratio = measured["normal_stiffness"], measured["stiffness_ratio"]
     unit = measured["solid_fraction"] * kn / (4.0 * pi)
     isostatic = measured["isostatic_coordination"]
-    softening = np.maximum((z - isostatic) / (z[0] - isostatic), SOFTEST)
+    softening = np.maximum(z / z[0] * (z - isostatic) / (z[0] - isostatic), SOFTEST)
     shear_modulus = unit * (1.0 + ratio) * z_all[0] * measured["shear_reduction"] * softening
     bulk_modulus = 2.0 * unit * z_all * measured["bulk_reduction"]
     t = np.stack([-0.5 * (history["stress_xx"] - history["stress_yy"]), -history["stress_xy"]])

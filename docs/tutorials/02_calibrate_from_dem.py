@@ -25,7 +25,8 @@ print(f"{packing.count} disks, solid fraction {packing.solid_fraction:.4f}")
 # Inputs of the law
 # -----------------
 # The packing at rest gives the coordination number and the densities of weak forces and narrow gaps; elastic probes
-# give the moduli; small loops give the slip at contacts. Nothing goes further than 5 % in p and q/p = 0.05.
+# give the moduli; small loops give the slip at contacts. Nothing goes further than q/p = 0.05.
+# An isotropic unloading tells how many contacts a falling pressure takes, and where the shear stiffness vanishes.
 
 inputs = gf.measure_packing(packing)
 for name, value in inputs.values.items():
@@ -33,11 +34,8 @@ for name, value in inputs.values.items():
 
 # %%
 # ``granfabric dem SCENE`` does the same and writes the numbers to ``material.toml``, which scenes read with
-# ``material_file``. Here they go straight into the law, all but one: the isostatic coordination number is extrapolated
-# from the small change of the shear modulus on an unloading by 5 %, for which so few disks are not enough. It is needed
-# by ``shear_stiffness = "isostatic"`` only.
+# ``material_file``. Here they go straight into the law.
 
-inputs.values.pop("isostatic_coordination", None)
 law = gf.ContactLaw([inputs.material], inputs.closure)
 
 # %%

@@ -11,6 +11,7 @@ from scipy.sparse import csr_matrix
 from granfabric.constitutive.arrays import index, keep_apart, read, written
 from granfabric.constitutive.threads import run_in_threads
 
+from .active_part import Elements
 from .kernels import (
     element_action_kernel,
     element_force_kernel,
@@ -19,7 +20,6 @@ from .kernels import (
     gather_tangent_kernel,
     strain_kernel,
 )
-from .space import Space
 
 Array = NDArray[np.float64]
 
@@ -28,9 +28,9 @@ FEWEST_ELEMENTS = 1024
 
 
 class _Known:
-    """A space's arrays as the kernels may use them: checked once, the numbers of nodes out of anybody's reach."""
+    """Arrays of a space or a part of it as the kernels may use them: checked once, node numbers out of reach."""
 
-    def __init__(self, space: Space) -> None:
+    def __init__(self, space: Elements) -> None:
         nelem, nb = space.element_nodes.shape
         self.points_per_cell = int(space.points_per_cell)
         npt = nelem * self.points_per_cell
@@ -45,7 +45,7 @@ class ForceAssembler:
 
     Parameters
     ----------
-    space : Space
+    space : Space or ActivePart
 
     Raises
     ------
@@ -53,7 +53,7 @@ class ForceAssembler:
         From the calls, if an array is of the wrong shape or kind, or one to be written shares memory with another.
     """
 
-    def __init__(self, space: Space) -> None:
+    def __init__(self, space: Elements) -> None:
         self.space = space
         self._known = _Known(space)
         nelem, nb = self._known.element_nodes.shape
@@ -143,7 +143,7 @@ class TangentAssembler:
 
     Parameters
     ----------
-    space : Space
+    space : Space or ActivePart
     free : ndarray of int
         Degrees of freedom that are rows and columns of the matrix, ascending.
 
@@ -158,7 +158,7 @@ class TangentAssembler:
         Column indices ascend; its pattern is symmetric. `assemble` overwrites its values.
     """
 
-    def __init__(self, space: Space, free: NDArray[np.int64]) -> None:
+    def __init__(self, space: Elements, free: NDArray[np.int64]) -> None:
         self.space = space
         self._known = _Known(space)
         nfree = np.size(free)

@@ -20,6 +20,8 @@ _ELEMENTS: dict[str, Any] = {
 
 INSIDE = 1e-8
 """Distance from the reference cell, in its own coordinates, up to which a place counts as inside."""
+EDGE = 1e-5
+"""The same for straight cells, where a place on their edge counts as inside in spite of rounding."""
 BULGE = 0.25
 """Fraction of its size by which a box around the nodes of a curved cell is enlarged to hold the cell."""
 ITERATIONS = 50
@@ -46,16 +48,18 @@ class Locator:
         self._nodes, self._cells = nodes, cells
         corners = nodes[cells]
         low, high = corners.min(axis=1), corners.max(axis=1)
-        margin = (BULGE if kind in ("triangle6", "quad9") else INSIDE) * (high - low).max(axis=1, keepdims=True)
+        margin = (BULGE if kind in ("triangle6", "quad9") else EDGE) * (high - low).max(axis=1, keepdims=True)
         self._low, self._high = low - margin, high + margin
 
-    def find(self, places: Array) -> tuple[NDArray[np.int64], Array]:
+    def find(self, places: Array, beyond: float = INSIDE) -> tuple[NDArray[np.int64], Array]:
         """Nodes and weights of the cell around each place.
 
         Parameters
         ----------
         places : ndarray, shape (n, 2)
             [m].
+        beyond : float
+            How far outside of a cell, in its reference coordinates, a place may lie.
 
         Returns
         -------
@@ -69,7 +73,7 @@ class Locator:
         nodes, weights = np.full((len(places), width), -1), np.full((len(places), width), np.nan)
         for number, place in enumerate(places):
             near = np.flatnonzero(((place >= self._low) & (place <= self._high)).all(axis=1))
-            best = INSIDE
+            best = beyond
             for cell in near:
                 reference = self._reference(place, self._nodes[self._cells[cell]])
                 if reference is None:

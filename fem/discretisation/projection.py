@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from .parts import Parts, parts
 from .space import Space
 
 Array = NDArray[np.float64]
@@ -26,43 +27,52 @@ class Projection:
     Parameters
     ----------
     space : Space
+    nodes : Parts, optional
+        Where several groups meet, the fit of each takes its own elements alone, so that nothing is smoothed across.
+
+    Attributes
+    ----------
+    operator : scipy.sparse.csr_matrix, shape (n, npt)
     """
 
-    def __init__(self, space: Space) -> None:
-        vertices = space.host_mesh.mesh.t.T.astype(np.int64)
-        nvertices = space.host_mesh.mesh.p.shape[1]
-        corners = vertices.shape[1]
+    def __init__(self, space: Space, nodes: Parts | None = None) -> None:
+        nodes = nodes or parts(space)
+        corners = space.host_mesh.mesh.t.shape[0]
+        of_vertex, place = np.unique(nodes.element_nodes[:, :corners], return_inverse=True)
+        vertices = place.reshape(-1, corners)
+        nvertices = len(of_vertex)
+        coordinates = space.nodes[nodes.node[of_vertex]]
         nq = space.points_per_cell
         incidence = csr_matrix(
             (np.ones(vertices.size), (vertices.ravel(), np.repeat(np.arange(len(vertices)), corners))),
             shape=(nvertices, len(vertices)),
         )
         rows, cells = incidence.nonzero()
-        matrix = _fit(space, rows.astype(np.int64), cells.astype(np.int64), nvertices)
+        matrix = _fit(space, rows.astype(np.int64), cells.astype(np.int64), coordinates)
         weak = np.flatnonzero(~matrix[1])
         operator = matrix[0]
         if weak.size:
             operator = operator.tolil()
             for vertex in weak:
-                points, weights = _enlarged_patch(space, incidence, int(vertex), nq)
+                points, weights = _enlarged_patch(space, incidence, int(vertex), nq, coordinates[vertex])
                 operator.rows[vertex] = points.tolist()
                 operator.data[vertex] = weights.tolist()
             operator = operator.tocsr()
-        self._operator = csr_matrix(_vertices_to_nodes(space, nvertices) @ operator)
+        self.operator = csr_matrix(_vertices_to_nodes(space, nodes, of_vertex) @ operator)
 
     def __call__(self, values: Array) -> Array:
-        """Nodal values, shape (nnodes, k), of point values, shape (npt, k) (or (nnodes,) of (npt,))."""
-        return np.asarray(self._operator @ values)
+        """Nodal values, shape (n, k), of point values, shape (npt, k) (or (n,) of (npt,)); n nodes as in `Parts`."""
+        return np.asarray(self.operator @ values)
 
 
 def _fit(
-    space: Space, rows: NDArray[np.int64], cells: NDArray[np.int64], nvertices: int
+    space: Space, rows: NDArray[np.int64], cells: NDArray[np.int64], vertices: Array
 ) -> tuple[csr_matrix, NDArray[np.bool_]]:
     """Weights of the linear fits of all vertices at once, and which fits are determined."""
-    nq = space.points_per_cell
+    nq, nvertices = space.points_per_cell, len(vertices)
     vertex = np.repeat(rows, nq)
     point = (cells[:, None] * nq + np.arange(nq)).ravel()
-    offset = space.points[point] - space.nodes[vertex]
+    offset = space.points[point] - vertices[vertex]
     weight = space.weights[point]
     total = np.bincount(vertex, weights=weight, minlength=nvertices)
     radius2 = np.bincount(vertex, weights=weight * np.sum(offset**2, axis=1), minlength=nvertices) / total
@@ -80,7 +90,9 @@ def _fit(
     return csr_matrix((values, (vertex, point)), shape=(nvertices, space.npoints)), determined
 
 
-def _enlarged_patch(space: Space, incidence: csr_matrix, vertex: int, nq: int) -> tuple[NDArray[np.int64], Array]:
+def _enlarged_patch(
+    space: Space, incidence: csr_matrix, vertex: int, nq: int, place: Array
+) -> tuple[NDArray[np.int64], Array]:
     """Fit at one vertex with rings of neighbours added until it is determined, or as well as the mesh allows."""
     cells = incidence[vertex].indices
     for _ in range(_LARGEST_PATCH_RINGS):
@@ -97,23 +109,31 @@ def _enlarged_patch(space: Space, incidence: csr_matrix, vertex: int, nq: int) -
     # Mean plus slope; the pseudo-inverse leaves out a slope that the points do not determine.
     gradient = np.linalg.pinv(scaled, rcond=1e-8) * root
     gradient -= np.outer(gradient.sum(axis=1), fraction)
-    return points, fraction + (space.nodes[vertex] - centre) @ gradient
+    return points, fraction + (place - centre) @ gradient
 
 
-def _vertices_to_nodes(space: Space, nvertices: int) -> csr_matrix:
+_SIDES = {3: ((0, 1), (1, 2), (0, 2)), 4: ((0, 1), (1, 2), (2, 3), (0, 3))}
+"""Ends of the sides of a cell, in scikit-fem's order, by its number of corners."""
+
+
+def _vertices_to_nodes(space: Space, nodes: Parts, of_vertex: NDArray[np.int64]) -> csr_matrix:
     """Vertices as they are; a midside node the mean of its side's ends, a centre node that of all corners."""
-    mesh = space.host_mesh.mesh
-    rows, columns, values = [np.arange(nvertices)], [np.arange(nvertices)], [np.ones(nvertices)]
+    corners = space.host_mesh.mesh.t.shape[0]
+    local = nodes.element_nodes
+    rows, columns, values = [of_vertex], [np.arange(len(of_vertex))], [np.ones(len(of_vertex))]
+
+    def add(node: NDArray[np.int64], around: NDArray[np.int64]) -> None:
+        _, first = np.unique(node, return_index=True)
+        rows.append(np.repeat(node[first], around.shape[1]))
+        columns.append(np.searchsorted(of_vertex, np.sort(around[first], axis=1)).ravel())
+        values.append(np.full(len(columns[-1]), 1.0 / around.shape[1]))
+
     if space.order == 2:
-        nfacets = mesh.facets.shape[1]
-        rows.append(np.repeat(nvertices + np.arange(nfacets), 2))
-        columns.append(mesh.facets.T.ravel())
-        values.append(np.full(2 * nfacets, 0.5))
+        ends = np.array(_SIDES[corners])
+        add(local[:, corners : 2 * corners].ravel(), local[:, ends].reshape(-1, 2))
         if space.element == "Q2":
-            nelem = space.nelements
-            rows.append(np.repeat(nvertices + nfacets + np.arange(nelem), 4))
-            columns.append(mesh.t.T.ravel())
-            values.append(np.full(4 * nelem, 0.25))
+            add(local[:, -1], local[:, :4])
     return csr_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(space.nnodes, nvertices)
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
+        shape=(len(nodes.node), len(of_vertex)),
     )

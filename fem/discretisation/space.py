@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import skfem
 from numpy.typing import NDArray
+from skfem.generic_utils import OrientedBoundary
 
 from granfabric.constitutive.arrays import ANY, read
 from granfabric.fem.mesh.host_mesh import HostMesh, MeshError
@@ -196,7 +197,26 @@ class Space:
         facets = self.host_mesh.facets(name)
         if (self.host_mesh.mesh.f2t[1, facets] != -1).any():
             raise MeshError(f"boundary {name!r} lies inside the domain, so that a traction on it has no outward side")
-        basis = skfem.FacetBasis(self._geometry, self._scalar_element, facets=facets, intorder=2 * self.order + 1)
+        return self.facet_vector(facets, traction)
+
+    def facet_vector(
+        self,
+        facets: NDArray[np.int64],
+        traction: Callable[[Array, Array, Array, Array], Array],
+        side: NDArray[np.int64] | None = None,
+    ) -> Array:
+        """The same on given facets, each of which loads one of its two elements.
+
+        Parameters
+        ----------
+        facets : ndarray of int
+            At least one.
+        traction : callable
+        side : ndarray of int, same shape, optional
+            0 or 1: row of scikit-fem's ``f2t`` that holds the element, 0 if not given; the normal points out of it.
+        """
+        where = facets if side is None else OrientedBoundary(facets, side)
+        basis = skfem.FacetBasis(self._geometry, self._scalar_element, facets=where, intorder=2 * self.order + 1)
         place = _point_major(np.asarray(basis.global_coordinates()))
         normal = _point_major(np.broadcast_to(np.asarray(basis.normals), (2, *basis.dx.shape)))
         value = np.asarray(traction(place[:, 0], place[:, 1], normal[:, 0], normal[:, 1]), dtype=np.float64)

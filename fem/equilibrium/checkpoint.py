@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from granfabric.fem.vectors import Array
 from .results import StageStart, StepResult
 from .stored_arrays import read_stored_arrays
 
-FORMAT = 1
+FORMAT = 2
 KEPT = 2
 """Checkpoints kept on disk: should the last be damaged, the one before it still serves."""
 
@@ -73,6 +73,16 @@ class Checkpoint:
 
     result: StepResult
     memory: SolverMemory
+
+    def copied(self) -> Checkpoint:
+        """The same with arrays of its own where they are the solver's."""
+
+        def own(values: Any) -> dict[str, Any]:
+            arrays = {entry.name: getattr(values, entry.name) for entry in fields(values)}
+            return {name: array.copy() for name, array in arrays.items() if isinstance(array, np.ndarray)}
+
+        factor = replace(self.memory.factor, **own(self.memory.factor))
+        return Checkpoint(self.result, replace(self.memory, factor=factor, **own(self.memory)))
 
 
 _PARTS = {"result": StepResult, "stage_start": StageStart, "memory": SolverMemory, "factor": FactorMemory}

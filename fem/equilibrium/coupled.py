@@ -12,6 +12,7 @@ import numpy as np
 from granfabric.fem.linear_solvers.direct import FactorisationError
 from granfabric.fem.vectors import Array
 
+from .changing_body import begin_body
 from .checkpoint import SolverMemory
 from .control import ControlError
 from .newton import newton_step
@@ -32,6 +33,7 @@ class CoupledRun(Run):
         super().__init__(*arguments, **more)
         self._step = 0
         self._reference = np.zeros(self._problem.space.ndofs)
+        self._held: Array | None = None
 
     def execute(self, resume: StepResult | None, memory: SolverMemory | None) -> RunSummary:
         first = 0
@@ -39,6 +41,7 @@ class CoupledRun(Run):
             first = self._restore(resume)
             self._step = resume.step
             self._reference = np.array(resume.stage_start.reference)
+            self._held = resume.stage_start.held
             self._system.refresh_internal_force()
         for index in range(first, len(self._problem.stages)):
             again = index == first
@@ -73,21 +76,24 @@ class CoupledRun(Run):
         if self._stopped():
             return 0.0 if resume is None else resume.fraction, STOPPED
         with self._accounting.phase("setup"):
+            if resume is None:
+                begin_body(system, self._problem, index)
             system.constrain(terms.constrained)
             system.material.law = self._problem.law_of(index)
         if memory is None:
             # A new stage turns the direction of loading, for which the last converged tangent is a bad guide.
             report = system.material.still_tangent(control.tangent_kind)
             if report.failed:
-                return 0.0, f"stage {terms.stage.name!r} starts from a state without a tangent: {report.message}"
+                reason = system.worst(report)[1]
+                return 0.0, f"stage {terms.stage.name!r} starts from a state without a tangent: {reason}"
         with self._accounting.phase("setup"):
             if resume is not None:
                 start = resume.stage_start
             else:
                 start = stage_start(
-                    self._problem, index, system.displacement, system.internal_force, self._reference
+                    self._problem, index, system.displacement, system.internal_force, self._reference, self._held
                 )
-                self._reference = start.reference
+                self._reference, self._held = start.reference, start.held
         system.start_scale(external_force(self._problem, index, start, 0.0))
         target = target_displacement(terms, start)
         fraction = 0.0 if resume is None else resume.fraction

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granfabric.fem.discretisation.assembly import ForceAssembler
 from granfabric.fem.loads.problem import Problem
 from granfabric.fem.vectors import Array
 
+from .initial import initial_internal_force
 from .stage_start import force_at_start
 
 # A direction in which hardly any forces act is assessed by this fraction of the forces of both.
@@ -64,7 +64,7 @@ def initial_imbalance(problem: Problem) -> InitialImbalance:
     InitialImbalance
     """
     space, terms = problem.space, problem.program.terms[0]
-    internal = ForceAssembler(space).internal_force(problem.initial_stress, np.empty(space.ndofs))
+    internal = initial_internal_force(problem)
     free = np.ones(space.ndofs, dtype=bool)
     free[terms.constrained] = False
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.fem.discretisation.active_part import ActivePart
 from granfabric.fem.discretisation.assembly import ForceAssembler
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.loads.problem import Problem
@@ -28,20 +29,24 @@ def initial_result(problem: Problem) -> StepResult:
         With ``step = 0`` and ``fraction = 0``.
     """
     space, terms = problem.space, problem.program.terms[0]
-    internal = ForceAssembler(space).internal_force(problem.initial_stress, np.empty(space.ndofs))
+    internal = initial_internal_force(problem)
     external = terms.force_end if problem.starts_loaded else terms.force_start
     support = np.zeros(space.ndofs)
     support[terms.constrained] = (internal - external)[terms.constrained]
     nothing = np.zeros(space.ndofs)
+    stress, state = problem.initial_stress.copy(), problem.initial_state.copy()
+    if terms.body is not None:
+        absent = ~terms.body.active[space.point_cell]
+        stress[absent], state[absent] = 0.0, 0.0
     return StepResult(
         stage=terms.stage.name,
         step=0,
         fraction=0.0,
         displacement=nothing,
         reactions=boundary_sums(named_nodes(space), support),
-        stress=problem.initial_stress.copy(),
+        stress=stress,
         strain=np.zeros((space.npoints, 3)),
-        state=problem.initial_state.copy(),
+        state=state,
         status=np.zeros(space.npoints, dtype=np.int8),
         iterations=0,
         factorisations=0,
@@ -51,7 +56,19 @@ def initial_result(problem: Problem) -> StepResult:
         limited=0,
         next_increment=1.0 / terms.stage.increments,
         stage_start=StageStart(nothing, nothing, nothing),
+        active=None if terms.body is None else terms.body.active,
+        support=support,
     )
+
+
+def initial_internal_force(problem: Problem) -> Array:
+    """Internal forces of the initial stress of what is there at the outset, shape (ndofs,) [N/m]."""
+    space, body = problem.space, problem.program.terms[0].body
+    force = np.empty(space.ndofs)
+    if body is None:
+        return ForceAssembler(space).internal_force(problem.initial_stress, force)
+    part = ActivePart(space, body.active)
+    return ForceAssembler(part).internal_force(problem.initial_stress[part.points], force)
 
 
 def named_nodes(space: Space) -> dict[str, NDArray[np.int64]]:

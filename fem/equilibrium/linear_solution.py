@@ -12,9 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from granfabric.fem.linear_solvers.direct import FactorisationError
+from granfabric.fem.loads.fills import placed
 from granfabric.fem.loads.problem import Problem
 from granfabric.fem.vectors import Array
 
+from .changing_body import begin_body
 from .residual import Equilibrium
 from .results import StageStart
 from .stage_start import external_force, stage_start, target_displacement
@@ -69,13 +71,16 @@ class LinearSolution:
         self._displacement = np.zeros(problem.space.ndofs)
         self._internal = system.internal_force.copy()
         self._reference = np.zeros(problem.space.ndofs)
+        self._held: Array | None = None
         self._done = 0
+        # of all points, where the body changes; the material itself may be at another stage
+        self._stress = np.empty((0, 3)) if system.part is None else system.of_space(system.material.stress_start)
         self._ask_stiffness()
 
     def _ask_stiffness(self) -> None:
         report = self._system.material.still_tangent("elastic")
         if report.failed:
-            raise LinearSolutionError(f"the initial state has no stiffness: {report.message}")
+            raise LinearSolutionError(f"the initial state has no stiffness: {self._system.worst(report)[1]}")
 
     def _use_law(self, index: int) -> None:
         """Draining changes the stiffness: once a stage, and only where the one before was different."""
@@ -94,10 +99,14 @@ class LinearSolution:
         problem, system, index = self._problem, self._system, self._done
         terms = problem.program.terms[index]
         with system.accounting.phase("setup"):
+            if begin_body(system, problem, index):
+                self._change_body(index)
+            if terms.stage.reset_displacements:
+                self._displacement = np.zeros(problem.space.ndofs)
             system.constrain(terms.constrained)
             self._use_law(index)
-            start = stage_start(problem, index, self._displacement, self._internal, self._reference)
-        self._reference = start.reference
+            start = stage_start(problem, index, self._displacement, self._internal, self._reference, self._held)
+        self._reference, self._held = start.reference, start.held
         tangent = system.material.tangent_start
         with system.accounting.phase("boundary"):
             change = np.zeros(problem.space.ndofs)
@@ -114,8 +123,22 @@ class LinearSolution:
                 raise LinearSolutionError(f"the stiffness cannot be solved: {error}") from error
             solves = 1
         with system.accounting.phase("state"):
-            strain = system.forces.strain(change, np.empty((problem.space.npoints, 3)))
+            strain = system.forces.strain(change, np.empty((len(tangent), 3)))
+            if system.part is not None:
+                self._stress[system.part.points] += np.einsum("pij,pj->pi", tangent, strain)
             self._internal = self._internal + system.forces.tangent_times(tangent, change, system.scratch)
             self._displacement = self._displacement + change
         self._done += 1
         return StageSolution(start, change, strain, solves)
+
+    def _change_body(self, index: int) -> None:
+        """Stress and stiffness of the body that a stage begins with; both are linear in what was before."""
+        problem, system = self._problem, self._system
+        body, earlier = problem.program.terms[index].body, problem.program.terms[index - 1].body
+        assert body is not None and earlier is not None and system.part is not None
+        points, stress, _ = placed(problem, index)
+        self._stress[points] = stress
+        system.material.law = problem.law_of(index)
+        self._ask_stiffness()
+        self._internal = system.forces.internal_force(self._stress[system.part.points], np.zeros(problem.space.ndofs))
+        self._displacement = np.where(body.dofs & earlier.dofs, self._displacement, 0.0)

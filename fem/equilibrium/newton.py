@@ -86,7 +86,8 @@ def _evaluate(system: Equilibrium, displacement: Array, external: Array) -> tupl
     """Residual at a trial displacement; None if a point failed, with message, proposed factor and point."""
     report = system.material.update(displacement, system.displacement, system.control.tangent_kind)
     if report.failed:
-        return None, report.message, report.proposed_step_factor, report.worst_point
+        point, message = system.worst(report)
+        return None, message, report.proposed_step_factor, point
     with system.accounting.phase("assembly"):
         system.forces.internal_force(system.material.stress_end, system.internal_trial)
         residual = external[system.free] - system.internal_trial[system.free]

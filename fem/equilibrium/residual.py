@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from granfabric.constitutive.contract import UpdateReport
 from granfabric.fem.accounting import Accounting
+from granfabric.fem.discretisation.active_part import ActivePart
 from granfabric.fem.discretisation.assembly import ForceAssembler, TangentAssembler
 from granfabric.fem.discretisation.quadrature_material import QuadratureMaterial
 from granfabric.fem.linear_solvers.direct import make_solver
@@ -17,6 +21,7 @@ from granfabric.fem.vectors import norm
 from .control import StepControl
 
 Array = NDArray[np.float64]
+Kind = TypeVar("Kind", bound=np.generic)
 
 
 class Equilibrium:
@@ -38,22 +43,21 @@ class Equilibrium:
         Largest norm of internal or external nodal forces at the commits of the current stage and at its start [N/m].
     free, constrained : ndarray of int
         Set by `constrain`.
+    part : ActivePart or None
+        Where stages change the body, what of it is there: arrays of points are those of the part.
     """
 
     def __init__(self, problem: Problem, control: StepControl, accounting: Accounting) -> None:
         space = problem.space
+        self._problem = problem
         self.space = space
         self.control = control
         self.accounting = accounting
-        self.forces = ForceAssembler(space)
-        self.material = QuadratureMaterial(
-            problem.law,
-            self.forces,
-            problem.initial_stress,
-            problem.initial_state,
-            accounting,
-            material_index=problem.material_index,
-        )
+        self.part: ActivePart | None = None
+        self._tangent_matrix: TangentAssembler | None = None
+        body = problem.program.terms[0].body
+        part = None if body is None else ActivePart(space, body.active)
+        self.enter(part, problem.initial_stress, problem.initial_state, None)
         self.displacement = np.zeros(space.ndofs)
         self.internal_force = np.zeros(space.ndofs)
         self.internal_trial = np.zeros(space.ndofs)
@@ -64,9 +68,44 @@ class Equilibrium:
         self.constrained = np.empty(0, dtype=np.int64)
         self._direct = make_solver(control.linear_solver)
         self._solver = TangentSolver(self._direct, accounting, control.keep_factor)
-        self._tangent_matrix: TangentAssembler | None = None
         self.force_scale = 0.0
         self.refresh_internal_force()
+
+    def enter(self, part: ActivePart | None, stress: Array, state: Array, strain: Array | None) -> None:
+        """Take up another part of the body, the whole if None; `constrain` has to follow before anything is solved.
+
+        Parameters
+        ----------
+        part : ActivePart or None
+        stress, state, strain : ndarray, shapes (npt, 3), (npt, nstate), (npt, 3)
+            Of all points of the space; strain zero if None.
+        """
+        rows = self._problem.material_index
+        if part is not None:
+            stress, state = stress[part.points], state[part.points]
+            strain = None if strain is None else strain[part.points]
+            rows = None if rows is None else rows[part.points]
+        self.part = part
+        self.forces = ForceAssembler(self.space if part is None else part)
+        self.material = QuadratureMaterial(
+            self._problem.law, self.forces, stress, state, self.accounting, strain, material_index=rows
+        )
+        self._tangent_matrix = None
+
+    def of_space(self, values: NDArray[Kind]) -> NDArray[Kind]:
+        """Values at all points of the space of those at the points that are there; zero elsewhere. Always a copy."""
+        if self.part is None:
+            return values.copy()
+        whole = np.zeros((self.space.npoints, *values.shape[1:]), dtype=values.dtype)
+        whole[self.part.points] = values
+        return whole
+
+    def worst(self, report: UpdateReport) -> tuple[int, str]:
+        """Point of a report with the gravest status, by its number in the space, and the sentence on it."""
+        if self.part is None or report.worst_point < 0:
+            return report.worst_point, report.message
+        point = int(self.part.points[report.worst_point])
+        return point, f"point {point}: {report.message.partition(': ')[2]}"
 
     @property
     def solver_name(self) -> str:
@@ -91,10 +130,13 @@ class Equilibrium:
             return
         self.constrained = constrained
         mask = np.ones(self.space.ndofs, dtype=bool)
+        if self.part is not None:
+            mask[:] = False
+            mask[2 * self.part.nodes] = mask[2 * self.part.nodes + 1] = True
         mask[constrained] = False
         self.free = np.flatnonzero(mask)
         self._full[:] = 0.0
-        self._tangent_matrix = TangentAssembler(self.space, self.free)
+        self._tangent_matrix = TangentAssembler(self.space if self.part is None else self.part, self.free)
         self._solver.reset()
 
     def factor_memory(self) -> FactorMemory:

@@ -22,11 +22,14 @@ class StageStart:
         Nodal forces that fade to zero over the stage: released reactions, unbalanced initial stress [N/m].
     reference : ndarray, shape (ndofs,)
         Constant forces that balance the initial stress, if that was asked for [N/m].
+    held : ndarray, shape (ndofs,), optional
+        What is left at the end of the stage of the forces that excavated parts had exerted [N/m]; None without any.
     """
 
     displacement: Array
     fading: Array
     reference: Array
+    held: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,10 @@ class StepResult:
     next_increment : float
         Fraction of the stage that the next step will try.
     stage_start : StageStart
+    active : ndarray of bool, shape (nelem,), optional
+        Elements that are there, where stages change the body. Everything at a point of another one is zero.
+    support : ndarray, shape (ndofs,), optional
+        Nodal forces of the supports on the body, zero at free degrees of freedom [N/m].
     """
 
     stage: str
@@ -78,6 +85,8 @@ class StepResult:
     limited: int
     next_increment: float
     stage_start: StageStart
+    active: NDArray[np.bool_] | None = None
+    support: Array | None = None
 
 
 @dataclass(frozen=True)

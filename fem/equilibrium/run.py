@@ -14,6 +14,7 @@ from granfabric.fem.accounting import Accounting
 from granfabric.fem.loads.problem import Problem
 from granfabric.fem.vectors import Array
 
+from .changing_body import restore_body
 from .checkpoint import Checkpoint, SolverMemory
 from .control import ControlError, StepControl
 from .initial import boundary_sums, named_nodes
@@ -97,21 +98,40 @@ class Run:
         ControlError
             If it does not belong to this problem.
         """
+        index = self._stage_of(resume)
+        system, space = self._system, self._problem.space
+        for name, shape, given in (
+            ("displacement", (space.ndofs,), resume.displacement),
+            ("stress", (space.npoints, 3), resume.stress),
+            ("strain", (space.npoints, 3), resume.strain),
+            ("state", (space.npoints, self._problem.law.description.nstate), resume.state),
+        ):
+            if np.shape(given) != shape:
+                raise ControlError(
+                    f"the step to go on from has a {name} of shape {np.shape(given)}, this problem {shape}"
+                )
+        restore_body(system, self._problem, index)
+        material = system.material
+        for ours, values in (
+            (material.stress_start, resume.stress),
+            (material.strain_start, resume.strain),
+            (material.state_start, resume.state),
+        ):
+            ours[:] = values if system.part is None else values[system.part.points]
+        system.displacement[:] = resume.displacement
+        return index
+
+    def _stage_of(self, resume: StepResult) -> int:
+        """Index of the stage of a step.
+
+        Raises
+        ------
+        ControlError
+            If this problem has no such stage.
+        """
         names = [stage.name for stage in self._problem.stages]
-        system, material = self._system, self._system.material
         if resume.stage not in names:
             raise ControlError(f"the step to go on from belongs to stage {resume.stage!r}, not one of {names}")
-        for name, ours, given in (
-            ("displacement", system.displacement, resume.displacement),
-            ("stress", material.stress_start, resume.stress),
-            ("strain", material.strain_start, resume.strain),
-            ("state", material.state_start, resume.state),
-        ):
-            if ours.shape != np.shape(given):
-                raise ControlError(
-                    f"the step to go on from has a {name} of shape {np.shape(given)}, this problem {ours.shape}"
-                )
-            ours[:] = given
         return names.index(resume.stage)
 
     def _note_failure(self, point: int, message: str) -> None:
@@ -119,15 +139,16 @@ class Run:
         if point < 0:
             self._failed_point = None
             return
-        material = self._system.material
+        material, part = self._system.material, self._system.part
         x, y = self._problem.space.points[point]
-        index = 0 if material.material_index is None else int(material.material_index[point])
+        row = point if part is None else int(np.searchsorted(part.points, point))
+        index = 0 if material.material_index is None else int(material.material_index[row])
         self._failed_point = FailedPoint(
             point,
             (float(x), float(y)),
-            material.stress_start[point].copy(),
-            material.last_increment[point].copy(),
-            material.state_start[point].copy(),
+            material.stress_start[row].copy(),
+            material.last_increment[row].copy(),
+            material.state_start[row].copy(),
             index,
             message,
         )
@@ -167,10 +188,10 @@ class Run:
             fraction,
             displacement.copy(),
             boundary_sums(self._nodes, support),
-            material.stress_start.copy(),
-            material.strain_start.copy(),
-            material.state_start.copy(),
-            report.status.copy(),
+            system.of_space(material.stress_start),
+            system.of_space(material.strain_start),
+            system.of_space(material.state_start),
+            system.of_space(report.status),
             counts.iterations,
             counts.factorisations,
             counts.cuts,
@@ -179,4 +200,6 @@ class Run:
             report.limited,
             next_increment,
             start,
+            None if terms.body is None else terms.body.active,
+            support=support,
         )

@@ -8,6 +8,7 @@ from granfabric.fem.loads.load_program import StageTerms
 from granfabric.fem.loads.problem import Problem
 from granfabric.fem.vectors import Array
 
+from .excavation import excavation_forces
 from .results import StageStart
 
 
@@ -18,7 +19,12 @@ def force_at_start(problem: Problem, index: int) -> Array:
 
 
 def stage_start(
-    problem: Problem, index: int, displacement: Array, internal_force: Array, reference: Array
+    problem: Problem,
+    index: int,
+    displacement: Array,
+    internal_force: Array,
+    reference: Array,
+    held: Array | None = None,
 ) -> StageStart:
     """Displacements and fading forces at the start of a stage; the reference forces at the start of the run.
 
@@ -31,6 +37,8 @@ def stage_start(
         There [m], [N/m].
     reference : ndarray, shape (ndofs,)
         Reference forces so far, zero before the first stage [N/m].
+    held : ndarray, shape (ndofs,), optional
+        What an earlier stage has left of the forces of excavated parts [N/m].
     """
     terms = problem.program.terms[index]
     fading = np.zeros_like(displacement)
@@ -44,7 +52,10 @@ def stage_start(
     else:
         released = terms.released
         fading[released] = (internal_force - terms.force_start - reference)[released]
-    return StageStart(displacement.copy(), fading, reference)
+        if terms.body is not None:
+            left = internal_force - terms.force_start
+            fading, held = excavation_forces(problem, index, left, fading, held)
+    return StageStart(displacement.copy(), fading, reference, held)
 
 
 def external_force(problem: Problem, index: int, start: StageStart, fraction: float) -> Array:
@@ -52,6 +63,8 @@ def external_force(problem: Problem, index: int, start: StageStart, fraction: fl
     before = force_at_start(problem, index)
     external = start.reference + before + fraction * (problem.program.terms[index].force_end - before)
     external += (1.0 - fraction) * start.fading
+    if start.held is not None:
+        external += start.held
     return external
 
 

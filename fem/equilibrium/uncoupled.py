@@ -50,13 +50,15 @@ class UncoupledRun(Run):
         try:
             stages_solved = LinearSolution(self._problem, self._system)
             if resume is not None:
-                first, fraction = self._restore(resume), resume.fraction
+                first, fraction = self._stage_of(resume), resume.fraction
             for index in range(len(stages)):
                 before = self._accounting.factorisations
                 solution = stages_solved.next_stage()
                 done = self._accounting.factorisations - before
                 if index < first:
                     continue
+                if index == first and resume is not None:
+                    self._restore(resume)
                 if index == first and memory is not None:
                     # What was spent to get here is part of the earlier count.
                     self._restart_accounting(memory)
@@ -131,14 +133,15 @@ class UncoupledRun(Run):
             report = material.follow((position - self._committed) * solution.strain)
             if report.failed:
                 self._accounting.cuts += 1
-                self._note_failure(report.worst_point, report.message)
+                point, message = self._system.worst(report)
+                self._note_failure(point, message)
                 tried = (position - self._committed) * min(
                     max(report.proposed_step_factor, SMALLEST_PROPOSAL), control.cut
                 )
                 if tried < control.smallest_factor * nominal:
                     self._failure = (
                         f"no load step larger than {control.smallest_factor:g} of the nominal one can be followed: "
-                        f"{report.message}"
+                        f"{message}"
                     )
                     return -1
                 continue

@@ -61,7 +61,13 @@ def divide(distribution: Distribution, problem: Problem | None) -> LocalProblem:
     comm = distribution.comm
     head: Any = None
     if problem is not None:
-        names = [Stage(stage.name, [], stage.increments, stage.keep, stage.drained) for stage in problem.stages]
+        names = [
+            Stage(
+                stage.name, [], stage.increments, stage.keep, stage.drained,
+                reset_displacements=stage.reset_displacements,
+            )
+            for stage in problem.stages
+        ]  # fmt: skip
         head = (
             problem.law,
             names,

@@ -36,6 +36,7 @@ class DistributedEquilibrium(Equilibrium):
     def __init__(self, problem: LocalProblem, control: StepControl, accounting: Accounting) -> None:
         distribution = problem.space
         self._comm = distribution.comm
+        self.part = None  # stages that change the body are refused
         self.space = distribution  # type: ignore[assignment]
         self.control = control
         self.accounting = accounting

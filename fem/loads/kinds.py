@@ -193,6 +193,16 @@ class Stage:
         and boundaries are released (their reactions fade to zero).
     drained : bool
         The law is the one without what drains, `law.drained()`; laws that have none stay as they are.
+    deactivate, activate : sequence of str
+        Regions that the stage takes away, and regions that it adds; see `granfabric.fem.loads.bodies`.
+    release : float
+        Share of the forces that excavated regions had exerted which is released at the end of the stage; they fade
+        linearly. A later stage releases the rest, or up to its own share.
+    fill_pressure : float
+        Isotropic pressure under which what the stage activates is placed [Pa]; what nothing balances of it fades over
+        the stage.
+    reset_displacements : bool
+        Displacements and strains count from the beginning of the stage.
     """
 
     name: str
@@ -200,6 +210,11 @@ class Stage:
     increments: int = 1
     keep: bool = True
     drained: bool = False
+    deactivate: Sequence[str] = ()
+    activate: Sequence[str] = ()
+    release: float = 1.0
+    fill_pressure: float = 0.0
+    reset_displacements: bool = False
 
     def __post_init__(self) -> None:
         whole = isinstance(self.increments, (int, np.integer)) and not isinstance(self.increments, bool)
@@ -210,6 +225,25 @@ class Stage:
         for load in self.loads:
             if not isinstance(load, Load):
                 raise LoadError(f"stage {self.name!r}: {load!r} is not a load")
+        self._check_body()
+
+    def _check_body(self) -> None:
+        owner = f"stage {self.name!r}"
+        for key in ("deactivate", "activate"):
+            given = getattr(self, key)
+            names = [given] if isinstance(given, str) else _several(f"{owner}: {key}", given)
+            for name in names:
+                if names.count(name) > 1:
+                    raise LoadError(f"{owner} {key}s region {name!r} twice")
+            object.__setattr__(self, key, tuple(names))
+        for key, upper in (("release", 1.0), ("fill_pressure", np.inf)):
+            value = getattr(self, key)
+            _check_finite(f"{owner}: {key}", value)
+            if not 0.0 <= value <= upper:
+                legal = "between 0 and 1" if upper == 1.0 else "zero or above (compression is positive here)"
+                raise LoadError(f"{owner}: {key} = {value:g} is not {legal}")
+        if self.fill_pressure and not self.activate:
+            raise LoadError(f"{owner}: fill_pressure = {self.fill_pressure:g}, but the stage activates no region")
 
 
 def check_stages(stages: Sequence[Stage]) -> None:

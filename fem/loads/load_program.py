@@ -13,6 +13,7 @@ from granfabric.constitutive.arrays import ArrayError, finite
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.mesh.checks import MeshError
 
+from .bodies import Body, SpaceOfBody, bodies_of_stages, space_at
 from .kinds import (
     COMPONENTS,
     BodyForce,
@@ -49,6 +50,9 @@ class StageTerms:
         Degrees of freedom that the stage before prescribed and this one does not.
     force_start, force_end : ndarray, shape (ndofs,)
         Nodal forces of tractions, pressures and body forces [N/m].
+    body : Body, optional
+        What is there in this stage, where stages change it; loads act on that alone, and `force_start` leaves out what
+        the stage takes away.
     """
 
     stage: Stage
@@ -57,6 +61,7 @@ class StageTerms:
     released: NDArray[np.int64]
     force_start: Array
     force_end: Array
+    body: Body | None = None
 
 
 @dataclass(frozen=True)
@@ -91,31 +96,91 @@ class LoadProgram:
         known = np.zeros(space.ndofs)
         previous = np.empty(0, dtype=np.int64)
         force_start = np.zeros(space.ndofs)
-        for stage in stages:
+        acting: dict[Key, Load] = {}
+        body: Body | None = None
+        for stage, following in zip(stages, bodies_of_stages(space, stages)):
+            before, body = body, following
+            here = space_at(space, body)
+            if stage.reset_displacements:
+                known = np.zeros(space.ndofs)
+            if before is not None and body is not None and body.changes:
+                known[body.dofs & ~before.dofs] = 0.0
+                left = SpaceOfBody(space, before.active, body.active)
+                force_start = np.sum(list(_forces(left, acting, stage.name).values()), axis=0) + np.zeros(space.ndofs)
             named_constraints: dict[Key, _Constraint] = {}
             named_forces: dict[Key, Array] = {}
+            named: dict[Key, Load] = {}
             for load in stage.loads:
                 try:
-                    _resolve(space, load, stage.name, named_constraints, named_forces)
+                    _resolve(here, load, stage.name, named_constraints, named_forces)
                 except MeshError as error:
                     raise MeshError(f"stage {stage.name!r}: {error}") from None
+                named |= {key: load for key in named_forces if key not in named}
+                if body is not None:
+                    _refuse_absent(here, load, body, stage.name, named_constraints)
             if stage.keep:
-                kept = {
+                named = {**acting, **named}
+            if before is not None and body is not None and body.changes:
+                kept = {key: load for key, load in named.items() if key not in named_forces}
+                forces = _forces(here, kept, stage.name)
+            acting = named
+            if stage.keep:
+                held_on = {
                     key: _Constraint(held.dofs, np.full(len(held.dofs), np.nan), held.label + " (kept)")
                     for key, held in constraints.items()
                 }
-                constraints = {**kept, **named_constraints}
+                constraints = {**held_on, **named_constraints}
                 forces = {**forces, **named_forces}
             else:
                 constraints, forces = named_constraints, named_forces
-            constrained, target = _merge(space, stage, constraints, known)
+            constrained, target = _merge(space, stage, _present(body, constraints), known)
             force_end = np.sum(list(forces.values()), axis=0) if forces else np.zeros(space.ndofs)
-            self.terms.append(
-                StageTerms(stage, constrained, target, np.setdiff1d(previous, constrained), force_start, force_end)
-            )
+            released = np.setdiff1d(previous, constrained)
+            if body is not None:
+                released = released[body.dofs[released]]
+            self.terms.append(StageTerms(stage, constrained, target, released, force_start, force_end, body))
             moved = np.full(space.ndofs, np.nan)
             moved[constrained] = np.where(np.isnan(target), known[constrained], target)
             known, previous, force_start = moved, constrained, force_end
+
+
+def _forces(space: Space, loads: dict[Key, Load], stage: str) -> dict[Key, Array]:
+    """Nodal forces of loads that an earlier stage set, on another body than there."""
+    forces: dict[Key, Array] = {}
+    for load in loads.values():
+        try:
+            _resolve(space, load, stage, {}, forces)
+        except MeshError as error:
+            raise MeshError(f"stage {stage!r}: {error}") from None
+    return forces
+
+
+def _present(body: Body | None, constraints: dict[Key, _Constraint]) -> dict[Key, _Constraint]:
+    """Constraints as far as their degrees of freedom are there."""
+    if body is None:
+        return constraints
+    found = {}
+    for key, held in constraints.items():
+        there = body.dofs[held.dofs]
+        found[key] = _Constraint(held.dofs[there], held.values[there], held.label)
+    return found
+
+
+def _refuse_absent(space: Space, load: Load, body: Body, stage: str, constraints: dict[Key, _Constraint]) -> None:
+    """Refuse a load or a support of which nothing is there."""
+    if isinstance(load, BodyForce):
+        absent = load.region is not None and not body.active[space.host_mesh.cells(load.region)].any()
+        what = f"the body force on region {load.region!r}"
+    elif isinstance(load, (Fixed, FixedPoint, Displacement)):
+        own = f"point {load.point}" if isinstance(load, FixedPoint) else f"boundary {load.boundary!r}"
+        absent = any(not body.dofs[held.dofs].any() for (place, _), held in constraints.items() if place == own)
+        what = f"the support at {own}"
+    else:
+        assert isinstance(space, SpaceOfBody)
+        taken_back = not callable(load.value) and not np.any(load.value)  # of one that went with its part
+        absent, what = not (taken_back or space.has_outside(load.boundary)), f"the load on boundary {load.boundary!r}"
+    if absent:
+        raise LoadError(f"stage {stage!r}: {what} has nothing to act on: that part is not active in this stage")
 
 
 def _resolve(

@@ -11,6 +11,7 @@ from granfabric.constitutive.arrays import ArrayError, finite, found, index
 from granfabric.constitutive.contract import Law
 from granfabric.fem.discretisation.space import Space
 
+from .fills import refuse_unbearable, stress_with_fills
 from .kinds import INITIAL, LoadError, Stage
 from .load_program import LoadProgram
 from .supports import refuse_loose_bodies
@@ -27,6 +28,9 @@ class Problem:
     out over the first stage. With ``balance_initial_stress=True`` constant reference forces balance the initial stress
     (together with the loads of an "initial" stage) throughout the run instead, as if the initial stress had been there
     before anything was measured.
+
+    Where stages change the body (`Stage.activate`, `Stage.deactivate`), initial stress and state are those of the body
+    at the outset; what comes later is placed under the pressure of its stage, with the initial state of its material.
 
     Parameters
     ----------
@@ -67,6 +71,13 @@ class Problem:
         refuse_loose_bodies(space, self.program.terms)
         self.balance_initial_stress = balance_initial_stress
         self.initial_stress = _initial_stress(initial_stress, space.npoints)
+        if self.changes_body:
+            if balance_initial_stress:
+                raise LoadError(
+                    "constant reference forces that balance the initial stress do not tell which part of the body they "
+                    "belong to; where stages change the body, loads and supports have to balance it"
+                )
+            self.initial_stress = stress_with_fills(space, self.stages, self.initial_stress)
         nstate = law.description.nstate
         self.material_index: NDArray[np.int32] | None = None
         try:
@@ -84,6 +95,13 @@ class Problem:
         if state.shape != (space.npoints, nstate):
             raise LoadError(f"the initial state must have shape ({space.npoints}, {nstate}), not {state.shape}")
         self.initial_state: Array = np.ascontiguousarray(state)
+        if self.changes_body:
+            refuse_unbearable(self)
+
+    @property
+    def changes_body(self) -> bool:
+        """Whether a stage takes something away or adds something."""
+        return self.program.terms[0].body is not None
 
     def law_of(self, index: int) -> Law:
         """The law in a stage: the problem's own, or what that is while water can leave."""

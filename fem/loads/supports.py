@@ -19,28 +19,40 @@ _FREE = 1e-9
 _MOTIONS = ("move along x", "move along y", "turn")
 
 
-def bodies_of(space: Space) -> NDArray[np.int64]:
-    """Number of the body that each node is in; nodes of one element are in one body."""
-    first = np.repeat(space.element_nodes[:, :1], space.element_nodes.shape[1] - 1, axis=1).ravel()
-    other = space.element_nodes[:, 1:].ravel()
+def bodies_of(space: Space, active: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+    """Number of the body that each node is in; nodes of one element are in one body.
+
+    Parameters
+    ----------
+    space : Space
+    active : ndarray of bool, shape (nelem,), optional
+        Elements that are there; nodes of no such element are in no body, -1.
+    """
+    elements = space.element_nodes if active is None else space.element_nodes[active]
+    first = np.repeat(elements[:, :1], elements.shape[1] - 1, axis=1).ravel()
+    other = elements[:, 1:].ravel()
     graph = coo_matrix((np.ones(len(first)), (first, other)), shape=(space.nnodes, space.nnodes))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    body = connected_components(graph, directed=False)[1].astype(np.int64)
+    if active is None:
+        return body
+    there = np.zeros(space.nnodes, dtype=bool)
+    there[elements] = True
+    numbered = np.full(space.nnodes, -1, dtype=np.int64)
+    numbered[there] = np.unique(body[there], return_inverse=True)[1]
+    return numbered
 
 
 def refuse_loose_bodies(space: Space, terms: Sequence[StageTerms]) -> None:
-    """See that in each stage each body of a mesh of several is held against moving and turning.
+    """See that in each stage each of several bodies is held against moving and turning.
 
     Raises
     ------
     LoadError
         Naming the stage, the body and the motion that is free.
     """
-    body = bodies_of(space)
-    count = int(body.max()) + 1
-    if count == 1:
-        return
-    for stage, loose in _loose(space, terms, body):
-        if loose:
+    for stage, body, loose in _loose(space, terms):
+        count = int(body.max()) + 1
+        if count > 1 and loose:
             number, free = loose[0]
             x, y = space.nodes[np.flatnonzero(body == number)[0]]
             raise LoadError(
@@ -55,35 +67,50 @@ def free_motions(space: Space, terms: Sequence[StageTerms]) -> list[str]:
 
     Such a body is in equilibrium at most under loads that balance each other, and has no unique displacement.
     """
-    body = bodies_of(space)
-    return [loose[0][1] if loose else "" for _, loose in _loose(space, terms, body)]
+    return [loose[0][1] if loose else "" for _, _, loose in _loose(space, terms)]
 
 
-def _loose(
-    space: Space, terms: Sequence[StageTerms], body: NDArray[np.int64]
-) -> Iterator[tuple[str, list[tuple[int, str]]]]:
-    """Name of each stage, and the bodies that are not held in it with the motions that are free."""
-    count = int(body.max()) + 1
-    sizes = np.bincount(body)
-    middle = np.stack([np.bincount(body, weights=space.nodes[:, axis]) / sizes for axis in (0, 1)], axis=1)
-    away = space.nodes - middle[body]
-    reach = np.sqrt(np.bincount(body, weights=(away**2).sum(axis=1)) / sizes)
-    away = away / reach[body][:, None]
-    # how a rigid motion of the body (along x, along y, turn) moves each degree of freedom
+_Loose = list[tuple[int, str]]
+
+
+def _loose(space: Space, terms: Sequence[StageTerms]) -> Iterator[tuple[str, NDArray[np.int64], _Loose]]:
+    """Name of each stage, the body of each node, and the bodies that are not held with the motions that are free."""
+    body, modes = np.empty(0, dtype=np.int64), np.empty((0, 3))
+    for number, stage in enumerate(terms):
+        if number == 0 or (stage.body is not None and stage.body.changes):
+            body = bodies_of(space, None if stage.body is None else stage.body.active)
+            modes = _rigid_motions(space, body)
+        yield stage.stage.name, body, _free(stage, body, modes)
+
+
+def _rigid_motions(space: Space, body: NDArray[np.int64]) -> NDArray[np.float64]:
+    """How a rigid motion of its body (along x, along y, turn) moves each degree of freedom, shape (ndofs, 3)."""
+    there = body >= 0
+    own, nodes = body[there], space.nodes[there]
+    sizes = np.bincount(own)
+    middle = np.stack([np.bincount(own, weights=nodes[:, axis]) / sizes for axis in (0, 1)], axis=1)
+    away = np.zeros_like(space.nodes)
+    away[there] = nodes - middle[own]
+    reach = np.sqrt(np.bincount(own, weights=(away[there] ** 2).sum(axis=1)) / sizes)
+    away[there] /= reach[own][:, None]
     modes = np.zeros((space.ndofs, 3))
     modes[0::2, 0], modes[0::2, 2] = 1.0, -away[:, 1]
     modes[1::2, 1], modes[1::2, 2] = 1.0, away[:, 0]
-    for stage in terms:
-        held = modes[stage.constrained]
-        of_body = body[stage.constrained // 2]
-        stiffness = np.zeros((count, 3, 3))
-        np.add.at(stiffness, of_body, held[:, :, None] * held[:, None, :])
-        values = np.linalg.eigvalsh(stiffness)
-        found = []
-        for number in np.flatnonzero(values[:, 0] <= _FREE * np.maximum(values[:, 2], 1.0)).tolist():
-            free = [motion for k, motion in enumerate(_MOTIONS) if stiffness[number, k, k] <= _FREE]
-            found.append((number, " and to ".join(free or [_MOTIONS[2]])))  # about another point than its middle
-        yield stage.stage.name, found
+    return modes
+
+
+def _free(stage: StageTerms, body: NDArray[np.int64], modes: NDArray[np.float64]) -> _Loose:
+    count = int(body.max()) + 1
+    held = modes[stage.constrained]
+    of_body = body[stage.constrained // 2]
+    stiffness = np.zeros((count, 3, 3))
+    np.add.at(stiffness, of_body, held[:, :, None] * held[:, None, :])
+    values = np.linalg.eigvalsh(stiffness)
+    found = []
+    for number in np.flatnonzero(values[:, 0] <= _FREE * np.maximum(values[:, 2], 1.0)).tolist():
+        free = [motion for k, motion in enumerate(_MOTIONS) if stiffness[number, k, k] <= _FREE]
+        found.append((number, " and to ".join(free or [_MOTIONS[2]])))  # about another point than its middle
+    return found
 
 
 def _regions(space: Space, body: NDArray[np.int64], number: int) -> str:

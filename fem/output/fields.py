@@ -15,17 +15,21 @@ from numpy.typing import NDArray
 
 from granfabric.constitutive.contract import LawDescription
 from granfabric.constitutive.effective_stress import effective_stress
-from granfabric.fem.discretisation.projection import Projection
+from granfabric.fem.discretisation.restricted import RestrictedSpace, restricted_space
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
 
+from .cells import vtk_cells
+from .compression import Compression
+from .derived import derived, invariants
+from .recovery import Recovery, region_of_cells
+from .shown import shown_part
 from .vtu import GridWriter
 
 Array = NDArray[np.float64]
 
 FIELDS = "result"
 POINTS = "points"
-_CELL_TYPES = {"P1": "triangle", "P2": "triangle6", "Q1": "quad", "Q2": "quad9"}
 
 
 _Series = list[tuple[float, str]]
@@ -81,20 +85,24 @@ def point_fields(result: StepResult, description: LawDescription) -> dict[str, A
     return fields
 
 
-def shown_part(description: LawDescription) -> tuple[LawDescription, NDArray[np.int64] | None]:
-    """The law without the variables that writers pass over, and the columns of those that stay; None if all do."""
-    shown = tuple(variable for variable in description.state if not variable.hidden)
-    if len(shown) == len(description.state):
-        return description, None
-    every = np.arange(description.nstate)
-    columns = [every[description.columns(variable.name)] for variable in shown]
-    return replace(description, state=shown), np.concatenate(columns)
+def restricted_result(result: StepResult, part: RestrictedSpace) -> StepResult:
+    """A step with the values of a part of the body alone, in the order of the part's nodes and points."""
+    return replace(
+        result,
+        displacement=result.displacement.reshape(-1, 2)[part.nodes].ravel(),
+        stress=result.stress[part.points],
+        strain=result.strain[part.points],
+        state=result.state[part.points],
+        status=result.status[part.points],
+    )
 
 
 class FieldWriter:
     """Write one `.vtu` of fields and one of integration points a step, and keep `result.pvd`, `points.pvd` up to date.
 
-    A `.pvd` is replaced in one move after its `.vtu` is complete, so that what it names can always be read.
+    A `.pvd` is replaced in one move after its `.vtu` is complete, so that what it names can always be read. Fields are
+    recovered for each material by itself; where materials meet, nodes are there once for each of them. Where stages
+    change the body, each file holds what is there at its step, and nothing of the rest.
 
     Parameters
     ----------
@@ -105,6 +113,14 @@ class FieldWriter:
     keep : callable, optional
         Going on with a run: told a step's number, whether its files and its entry in the series are kept. Without it
         the series begin anew.
+    material_index : ndarray of int, shape (npt,), optional
+        Number of the material at each integration point, from 0; one material if not given.
+    compression : {"none", "fast", "small"}
+
+    Attributes
+    ----------
+    recovery : Recovery
+        From integration points to the nodes of the files.
 
     Raises
     ------
@@ -118,15 +134,15 @@ class FieldWriter:
         space: Space,
         description: LawDescription,
         keep: Callable[[int], bool] | None = None,
+        material_index: NDArray[np.integer] | None = None,
+        compression: Compression = "fast",
     ) -> None:
         self.folder = Path(folder)
-        self._space = space
         self._description, self._shown = shown_part(description)
-        self._projection = Projection(space)
-        self._grids = {
-            FIELDS: GridWriter(padded_vector(space.nodes), _CELL_TYPES[space.element], _counter_clockwise(space)),
-            POINTS: GridWriter(padded_vector(space.points), "vertex", np.arange(space.npoints).reshape(-1, 1)),
-        }
+        self._compression: Compression = compression
+        self._whole, self._material_index = space, material_index
+        self.part: RestrictedSpace | None = None
+        self._take_up()
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             probe = self.folder / ".writable"
@@ -142,6 +158,54 @@ class FieldWriter:
                 for _, file in set(series) - set(kept):
                     (self.folder / file).unlink(missing_ok=True)
         self._series = {name: kept for name, (_, kept) in existing.items()}
+
+    def _take_up(self) -> None:
+        """Write what is on the space, or on the part of it that is there, from now on."""
+        part = self.part
+        space = self._whole if part is None else part.space
+        index = self._material_index
+        if index is not None and part is not None:
+            index = index[part.points]
+        self.space = space
+        self.recovery = Recovery(space, index)
+        nodes = self.recovery.nodes
+        self._cells = vtk_cells(space, nodes)
+        number = np.arange(space.nelements) if part is None else part.cells
+        of_cells = {
+            "element": number.astype(np.int32),
+            "region": region_of_cells(space),
+            "material": self.recovery.material,
+        }
+        self._grids = {
+            FIELDS: GridWriter(
+                padded_vector(space.nodes[nodes.node]),
+                self._cells.blocks,
+                self._compression,
+                lasting_of_cells={name: values[self._cells.element] for name, values in of_cells.items()},
+            ),
+            POINTS: GridWriter(
+                padded_vector(space.points),
+                [("vertex", np.arange(space.npoints).reshape(-1, 1))],
+                self._compression,
+                lasting={name: values[space.point_cell] for name, values in of_cells.items()},
+            ),
+        }
+
+    def follow_body(self, active: NDArray[np.bool_] | None) -> bool:
+        """Take up the elements that are there at a step, with their nodes and points alone; whether they are others."""
+        if active is None or active.all():
+            changed, self.part = self.part is not None, None
+        elif self.part is not None and np.array_equal(self.part.cells, np.flatnonzero(active)):
+            return False
+        else:
+            changed, self.part = True, restricted_space(self._whole, active)
+        if changed:
+            self._take_up()
+        return changed
+
+    def of_part(self, result: StepResult) -> StepResult:
+        """A step with the values of what is there alone."""
+        return result if self.part is None else restricted_result(result, self.part)
 
     def _existing(self, name: str, keep: Callable[[int], bool] | None) -> tuple[_Series, _Series]:
         """Entries of a series on disk, and those of them to keep."""
@@ -182,29 +246,40 @@ class FieldWriter:
         ------
         OutputError
         """
+        self.follow_body(result.active)
         extra = extra_fields or {}
         if self._shown is not None:
             result = replace(result, state=result.state[:, self._shown])
-        at_points = {**point_fields(result, self._description), **extra}
+        if self.part is not None:
+            extra = {name: values[self.part.points] for name, values in extra.items()}
+        result = self.of_part(result)
+        carried = effective_stress(result.stress, result.state, self._description)
+        displacement = result.displacement.reshape(-1, 2)
+        at_points = {**point_fields(result, self._description), **derived(result.stress, carried), **extra}
         # Projected before it is padded: less than half of the columns.
-        recover = self._projection
-        nodal = replace(
-            result, stress=recover(result.stress), strain=recover(result.strain), state=recover(result.state)
-        )
-        at_nodes = point_fields(nodal, self._description)
-        at_nodes |= {name: recover(values) for name, values in extra.items()}
-        at_nodes["displacement"] = padded_vector(result.displacement.reshape(-1, 2))
+        nodal = self.recovery.result(result)
+        at_nodes = {
+            **point_fields(nodal, self._description),
+            **derived(nodal.stress, effective_stress(nodal.stress, nodal.state, self._description)),
+        }
+        at_nodes |= {name: self.recovery.field(values) for name, values in extra.items()}
+        at_nodes["displacement"] = padded_vector(displacement[self.recovery.nodes.node])
         at_points["status"] = result.status.astype(np.int32)
-        at_points["displacement"] = padded_vector(self._space.interpolate(result.displacement.reshape(-1, 2)))
+        at_points["displacement"] = padded_vector(self.space.interpolate(displacement))
+        means = self.recovery.cell_means
+        of_cells = invariants(means(result.stress), means(carried))
+        of_cells = {name: values[self._cells.element] for name, values in of_cells.items()}
         try:
-            self._write(FIELDS, time, result.step, at_nodes)
+            self._write(FIELDS, time, result.step, at_nodes, of_cells)
             self._write(POINTS, time, result.step, at_points)
         except OSError as error:
             raise OutputError(f"output folder {self.folder} cannot be written: {error.strerror or error}") from None
 
-    def _write(self, name: str, time: float, step: int, fields: dict[str, Array]) -> None:
+    def _write(
+        self, name: str, time: float, step: int, fields: dict[str, Array], of_cells: dict[str, Array] | None = None
+    ) -> None:
         file = f"{name}_{step:04d}.vtu"
-        self._grids[name].write(self.folder / file, fields)
+        self._grids[name].write(self.folder / file, fields, of_cells)
         series = [entry for entry in self._series[name] if entry[1] != file]
         series.append((time, file))
         self._series[name] = series
@@ -219,17 +294,3 @@ class FieldWriter:
         hidden = self.folder / f".{name}.pvd"
         hidden.write_text(text)
         os.replace(hidden, self.folder / f"{name}.pvd")
-
-
-def _counter_clockwise(space: Space) -> NDArray[np.int64]:
-    """Element nodes in VTK's order; scikit-fem sorts the corners of triangles, which turns some of them."""
-    nodes = space.element_nodes.astype(np.int64)
-    if space.host_mesh.cell == "quad":
-        return nodes
-    corner = space.nodes[nodes[:, :3]]
-    first, second = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    turned = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] < 0
-    order = [0, 2, 1] if space.order == 1 else [0, 2, 1, 5, 4, 3]
-    result = nodes.copy()
-    result[turned] = nodes[turned][:, order]
-    return result

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import meshio
 import numpy as np
@@ -12,8 +13,10 @@ import pytest
 
 import granfabric as gf
 from granfabric.fem.discretisation.location import Locator
+from granfabric.fem.discretisation.parts import parts
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.mesh.shapes import quarter_ring
+from granfabric.fem.output.cells import joined, vtk_cells
 
 QUIET = {"output.pictures": False}
 
@@ -88,9 +91,10 @@ def test_along_a_line_that_leaves_the_mesh(ring: gf.Results) -> None:
 def test_fields_that_an_element_holds_are_exact_everywhere(element: str, cell: str) -> None:
     """x and y themselves, mapped by the cells: also where sides are curved and cells turned by scikit-fem's sorting."""
     space = Space(quarter_ring(1.0, 3.0, 3, 4, cell), element)
-    from granfabric.fem.output.fields import _CELL_TYPES, _counter_clockwise
-
-    locator = Locator(space.nodes, _CELL_TYPES[element], _counter_clockwise(space))
+    made = vtk_cells(space, parts(space))
+    blocks = [SimpleNamespace(type=kind, data=data) for kind, data in made.blocks]
+    element_of = np.split(made.element, np.cumsum([len(block.data) for block in blocks])[:-1])
+    locator = Locator(space.nodes, *joined(blocks, element_of))
     random = np.random.default_rng(1)
     radius, angle = random.uniform(1.1, 2.7, 60), random.uniform(0.05, 1.5, 60)
     places = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)

@@ -47,10 +47,14 @@ def laws() -> dict:
     disks, numbers = material(**measured["material"]), measured["closure"]
     source = material(coordination=4.06, solid_fraction=0.846, normal_stiffness=1e9)
     mises = room("plain_laws.von_mises")
-    return {
-        "dense_disks": law([disks], closure(**numbers)),
+    # builds without that memory have no such effect
+    has_memory = "tangential_memory" in effects.names()
+    forgets = {"tangential_memory": False} if has_memory else {}
+    rows = {"dense_disks, memory of slip": law([disks], closure(**numbers))} if has_memory else {}
+    return rows | {
+        "dense_disks": law([disks], closure(**numbers), effects(**forgets)),
         "dense_disks, self-consistent": law([disks], closure(**{**numbers, "tangential": "self_consistent"})),
-        "dense_disks, sliding": law([disks], closure(**numbers), effects(sliding=True)),
+        "dense_disks, sliding": law([disks], closure(**numbers), effects(sliding=True, **forgets)),
         "mean field": law([source]),
         "mean field, self-consistent": law([source], closure(tangential="self_consistent")),
         "mean field, maximum entropy": law([source], closure(distribution="maximum_entropy")),

@@ -102,8 +102,13 @@ def test_values_units_and_colour_bar_of_a_map(name: str, pictures: dict[str, Any
     triangulation = coloured._triangulation
     np.testing.assert_allclose(triangulation.x, LAST.points[:, 0])
     np.testing.assert_allclose(triangulation.y, LAST.points[:, 1])
-    # colours end where half a per cent of the nodes lies beyond on either side
-    np.testing.assert_allclose(coloured.get_clim(), np.quantile(values, [0.005, 0.995]), rtol=1e-12)
+    # colours end where half a per cent of the nodes lies beyond on either side; of both signs they are centred on zero
+    low, high = np.quantile(values, [0.005, 0.995])
+    reach = max(abs(low), abs(high))
+    signed = name in ("stress_xy", "displacement_x", "displacement_y") or min(-low, high) > 0.02 * reach
+    np.testing.assert_allclose(coloured.get_clim(), (-reach, reach) if signed else (low, high), rtol=1e-12)
+    assert (coloured.get_cmap().name == "RdBu_r") == signed
+    np.testing.assert_allclose(bar.get_ylim(), (low, high), rtol=1e-12)
 
 
 def test_without_pore_fluid_the_stress_ratio_is_that_of_the_stress(pictures: dict[str, Any]) -> None:

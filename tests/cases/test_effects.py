@@ -180,6 +180,16 @@ def test_contradictions_are_refused(granfabric: Callable, tmp_path: Path):
     if "irreversible_spread" in Effects.names():
         result = granfabric("point", "p_constant", "-o", tmp_path / "a", "--set", "effects.irreversible_spread=true")
         assert result.code == 2 and "shifted_distribution" in result.err
+    asked = ("--set", "effects.tangential_memory=true")
+    result = granfabric("point", "p_constant", "-o", tmp_path / "a", *asked)
+    assert result.code == 2 and "does not tell when contacts slip" in result.err
+    for number in ("slip", "tangential_force_ratio"):
+        more = ("--set", "material_file=dense_disks", "--set", f"closure.{number}=0")
+        result = granfabric("point", "p_constant", "-o", tmp_path / "a", *asked, *more)
+        assert result.code == 2 and "needs contacts that slip" in result.err
+    more = ("--set", "closure.force_change=shifted_distribution", "--set", "closure.tangential=self_consistent")
+    result = granfabric("point", "p_constant", "-o", tmp_path / "a", *asked, *more)
+    assert result.code == 2 and "needs contacts that slip" in result.err
     if "sliding" in Effects.names():
         result = granfabric("point", "p_constant", "-o", tmp_path / "b", "--set", "effects.sliding=true")
         assert result.code == 2 and "peak_stress_ratio" in result.err
@@ -188,6 +198,21 @@ def test_contradictions_are_refused(granfabric: Callable, tmp_path: Path):
     result = granfabric("effects", "p_constant", "--set", "effects.tolerance=0.0")
     assert result.code == 2 and "effects.tolerance" in result.err
     assert not (tmp_path / "a").exists() and not (tmp_path / "b").exists()
+
+
+def test_memory_of_tangential_forces_is_for_stresses_that_turn_back(granfabric: Callable, tmp_path: Path):
+    """Nothing to remember on a first loading; on a loop it is needed, and left out by hand the audit says so."""
+    disks, tolerance = "material_file=dense_disks", "effects.tolerance=1e-2"
+    first = decide_point(load("p_constant", [disks, tolerance]))
+    assert by_name(first)["tangential_memory"].error < 1e-9
+    assert "tangential_memory" in [entry.name for entry in first.left_out()]
+    loop = decide_point(load("unload_reload", [disks, tolerance, "closure.force_change=shifted_distribution"]))
+    assert loop.chosen.has("tangential_memory") and by_name(loop)["tangential_memory"].error > 5e-3
+    assert loop.numbers is not None and loop.numbers.turning_back == pytest.approx(0.2, abs=1e-9)
+    off = ("--set", "effects.tangential_memory=false", "--set", "effects.tolerance=5e-3")
+    more = ("--set", disks, "--set", "closure.force_change=shifted_distribution")
+    result = granfabric("point", "unload_reload", "-o", tmp_path / "a", *more, *off)
+    assert result.code == 0 and "tangential_memory is off and would have changed" in result.out + result.err
 
 
 def test_the_command_prints_a_table_and_the_run_three_lines_and_a_record(granfabric: Callable, tmp_path: Path):

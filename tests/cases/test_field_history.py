@@ -47,6 +47,8 @@ def step(space: Space, **changed: Any) -> Any:
         "step": 3, "stage": "press", "fraction": 0.25, "stress": stress, "strain": 1e-5 * random.normal(size=(n, 3)),
         "state": state, "iterations": 11, "factorisations": 2, "cuts": 1, "substeps": 130, "limited": 5,
         "displacement": random.normal(size=space.ndofs), "reactions": {"top": (1.5, -2.5), "bottom": (-1.0, 3.0)},
+        "active": None,
+        "support": random.normal(size=space.ndofs),
     }  # fmt: skip
     return SimpleNamespace(**{**values, **changed})
 
@@ -77,11 +79,17 @@ def test_columns_are_means_and_extremes_over_the_points(space: Space) -> None:
     assert (row["step"], row["stage"], row["fraction"]) == (3, "press", 0.25)
     moved = made.displacement.reshape(-1, 2)
     x, y = space.nodes.T
+    force = made.support.reshape(-1, 2)
+    moment = x * force[:, 1] - y * force[:, 0]
+    assert row["reaction_top_moment"] == pytest.approx(moment[y == 1].sum())
+    assert row["reaction_total_x"] == pytest.approx(force[:, 0].sum())
+    assert row["reaction_total_moment"] == pytest.approx(moment.sum())
     for name, nodes in (("left", x == 0), ("top", y == 1)):
         assert row[f"displacement_{name}_x"] == pytest.approx(moved[nodes, 0].mean())
         assert row[f"displacement_{name}_y"] == pytest.approx(moved[nodes, 1].mean())
     assert (row["reaction_top_x"], row["reaction_top_y"]) == (1.5, -2.5)
-    assert [name for name in row if name.startswith("reaction")] == ["reaction_top_x", "reaction_top_y"]
+    ends = ("top_x", "top_y", "top_moment", "total_x", "total_y", "total_moment")
+    assert [name for name in row if name.startswith("reaction")] == [f"reaction_{end}" for end in ends]
     assert list(row)[3 : 3 + len(MEANS)] == list(MEANS)
 
 

@@ -101,10 +101,14 @@ def test_percent() -> None:
 def test_shipped_scenes_are_in_balance_or_say_what_balances_them(name: str) -> None:
     loaded = load(name)
     problem = prepare(loaded).problem
-    balance = Balance(problem)
+    balance = Balance(problem, getattr(loaded.scene.initial, "from") == "gravity")
     assert not balance.warned and pulling(loaded, problem) == []
     if name == "strip_footing":
         assert balance.found.fraction > 0.5 and "constant reference forces" in balance.text()
+    elif name == "slope":
+        assert balance.found.fraction > 0.2 and "from whose end displacements count" in balance.text()
+    elif name == "tunnel":  # three points do not integrate exactly over elements with a curved side
+        assert balance.found.fraction < 2e-5
     else:
         # measured: 2e-15 to 9e-14
         assert balance.found.fraction < 1e-12
@@ -274,8 +278,9 @@ def test_a_body_that_is_not_held_is_told(tmp_path: Path, assignments: list[str],
 
 def test_a_stage_without_loads_is_told(run: Callable, tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(SPECIMEN)
-    assert unchanged(load(str(tmp_path / "own.toml"))) == []
-    assert unchanged(load(str(tmp_path / "own.toml"), ["stage.1.displacement=[]", "stage.1.keep=false"])) == []
+    for assignments in ([], ["stage.1.displacement=[]", "stage.1.keep=false"]):
+        loaded = load(str(tmp_path / "own.toml"), assignments)
+        assert unchanged(loaded, prepare(loaded).problem) == []
     result, _ = run(SPECIMEN, "stage.1.displacement=[]", *UNCOUPLED)
     assert 'warning: stage 2 "compression": the stage has no loads: nothing changes in it' in result.out
 

@@ -145,11 +145,12 @@ def test_random_specimen_is_a_function_of_place(solve_scene: Callable) -> None:
     z = problem.initial_state[:, problem.law.description.columns("coordination")][:, 0]
     wanted = 3.896 + 0.08 * random_field(problem.space.points, 1, (0.02, 0.006), "gaussian")
     np.testing.assert_allclose(z, wanted, rtol=1e-12)
-    # Bounds of Reuss and Voigt for smooth platens at constant lateral stress: K goes with z, G with z - z_iso, and the
+    # Bounds of Reuss and Voigt for smooth platens at constant lateral stress: K goes with z, G with z (z - z_iso), the
     # uniaxial modulus in the plane is 4 K G/(K + G). Means over the integration points, as the element has them.
     material = load("random_specimen").scene.material
     bulk, shear = moduli(material)
     distance = (z - material.isostatic_coordination) / (material.coordination - material.isostatic_coordination)
+    distance *= z / material.coordination
     k, g = bulk * z / material.coordination, shear * distance
     lower = 1 / mean(problem, (k + g) / (4 * k * g))
     upper = 4 * mean(problem, k) * mean(problem, g) / (mean(problem, k) + mean(problem, g))

@@ -27,6 +27,7 @@ from granfabric.cases.scene.effects_choice import EffectSet
 from granfabric.cases.scene.material_file import closure_table, material_text, refusal
 from granfabric.cases.scene.measured import Inputs, as_data
 from granfabric.cases.scene.schema_closed_form import ClosedForm, HoleInPlate
+from granfabric.cases.scene.schema_law import ClosureSection
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.constitutive.effects import Effects
 from granfabric.constitutive.parameters import CLOSURE_NUMBERS, Closure, Material
@@ -343,7 +344,8 @@ def test_numbers_of_a_comparison(tmp_path: Path) -> None:
     space: Any = SimpleNamespace(points=points, weights=weights)
     loaded: Any = SimpleNamespace(scene=SimpleNamespace(closed_form=form, material=None, random_state=None))
     problem: Any = SimpleNamespace(space=space, initial_stress=initial)
-    found = comparison.compare(loaded, problem, SimpleNamespace(stress=initial + exact + wrong))  # type: ignore[arg-type]
+    step: Any = SimpleNamespace(stress=initial + exact + wrong, active=None)
+    found = comparison.compare(loaded, problem, step)
     expected = np.sqrt((weights[:, None] * wrong**2).sum() / (weights[:, None] * exact**2).sum())
     assert found.stress_error == pytest.approx(expected, rel=1e-12) and found.displacement_error is None
     line = {name: np.array(values) for name, values in found.line.items()}
@@ -403,7 +405,7 @@ def test_table_of_convergence(
 
 FACTS = Numbers(
     stress_ratio=0.31, stress_ratio_way=0.6, off_axis=0.042, turn_degrees=33.0, pressure_rise=0.2, pressure_fall=0.5,
-    reversal=0.11, gain_bound=3.2e-4, loss=0.145, stiffness_change=0.27, low_pressure_fraction=0.012,
+    turning_back=0.08, reversal=0.11, gain_bound=3.2e-4, loss=0.145, stiffness_change=0.27, low_pressure_fraction=0.012,
     excess_pressure=0.0,
 )  # fmt: skip
 
@@ -444,12 +446,14 @@ def test_table_of_effects() -> None:
     ]  # fmt: skip
     assert effects_report.table(decision(), 1)[1][0][8] == "+32 B"
     assert effects_report.number_of("stiffness_feedback", FACTS) == "stiffness within 27.0%"
+    assert effects_report.number_of("tangential_memory", FACTS) == "s turns back by 0.08"
 
 
 def test_lines_on_effects() -> None:
     first, second, third = effects_report.lines(decision(), False)
     assert first == (
-        "effects: contact_loss, stiffness_feedback, irreversible_spread; force_change = shifted_distribution"
+        "effects: contact_loss, stiffness_feedback, irreversible_spread, tangential_memory; "
+        "force_change = shifted_distribution"
     )
     assert second == (
         "left out (estimated error of each): contact_gain 2.0e-04; together 3.0e-04, tolerance 0.01; switched off by "
@@ -477,7 +481,7 @@ def test_sentences_of_the_audit() -> None:
 
     scene: Any = SimpleNamespace(
         effects=SimpleNamespace(tolerance=0.01, **dict.fromkeys(Effects.names(), False)), accuracy=None,
-        closure=SimpleNamespace(force_change="mean_field"),
+        closure=ClosureSection(force_change="mean_field"),
     )  # fmt: skip
     for quantity, words in (
         ("stress", "stress over p by up to 4.0e-01"), ("strain", "strain by up to 4.0e-01"),
@@ -495,6 +499,13 @@ def test_sentences_of_the_audit() -> None:
         'closure.force_change="shifted_distribution"', "effects.contact_gain=true"
     ]  # fmt: skip
     assert effects_audit.messages(audit, scene)[-1].startswith("audit: q/p reaches 0.31 without sliding; beyond 0.25")
+    # friction 0.2 is used up earlier; where it carries more, or does not slip at all, the usual bound stays
+    used_up = "beyond 0.17, tangential_force_ratio/(2 slip), tangential forces"
+    for slip, known in ((2.3, used_up), (1.0, "beyond 0.25 s"), (0.0, "beyond 0.25 s")):
+        scene.closure = Closure(force_change="shifted_distribution", tangential_force_ratio=0.78, slip=slip)
+        assert f"q/p reaches 0.31 without sliding; {known}" in effects_audit.messages(audit, scene)[-1]
+    scene.closure = Closure(force_change="shifted_distribution", slip=2.3)
+    assert not any("sliding" in text for text in effects_audit.messages(Audit([], 0.16), scene))
     data = effects_audit.as_data(Audit([entry("contact_gain", True, largest=np.inf)], 0.1))[0]
     assert (data["mean"], data["most"], data["largest"], data["fraction"]) == (0.02, 0.03, "without bound", 0.25)
 

@@ -73,7 +73,8 @@ def host(_):
     force = ForceAssembler(space).internal_force(stress, np.empty(space.ndofs))
     matrix = TangentAssembler(space, np.arange(space.ndofs)).assemble(tangent)
     with tempfile.TemporaryDirectory() as folder:
-        GridWriter(np.zeros((3, 3)), "triangle", np.array([[0, 1, 2]])).write(Path(folder) / "a.vtu", {"a": np.ones(3)})
+        writer = GridWriter(np.zeros((3, 3)), [("triangle", np.array([[0, 1, 2]]))])
+        writer.write(Path(folder) / "a.vtu", {"a": np.ones(3)})
         file = (Path(folder) / "a.vtu").read_bytes()
     place = np.stack(np.meshgrid(np.arange(8.0), np.arange(8.0)), axis=2).reshape(-1, 2)
     motion = Motion(new_sample(place * 0.999, np.full(64, 0.5), 7.992 * np.eye(2)), threads=2)

@@ -213,12 +213,13 @@ def test_force_fabrics_that_would_pull_have_no_solution(fabric):
     if pushes:
         assert mu[0] == pytest.approx(1.0 - 0.5 * fabric**2)
     # the same fabric, X_1 = 0 and no deviator: N keeps the initial distribution of contacts
-    closure = ShiftedDistribution(True, 0.0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.0, 0.8, 1.5, 1.0, 0.6)
-    directions = np.cos(np.pi * (np.arange(16) + 0.5) / 16)
+    closure = ShiftedDistribution(True, False, True, 0.0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.0, 0.8, 1.5, 1.0, 0.6)
+    rule = (np.zeros(0),) * 4 + (np.cos(np.pi * (np.arange(16) + 0.5) / 16), np.zeros((0, 2)))
     origin, zero = (4.0, fabric, 0.0), (0.0, 0.0)
-    weak = WeakState(ratio=1.0, stretch=1.0, growth=0.5, shift=0.0, shift_by_p=0.5, gain=0.0)
+    at_rest = dict.fromkeys(WeakState._fields, 0.0)
+    weak = WeakState(**{**at_rest, "ratio": 1.0, "stretch": 1.0, "growth": 0.5, "shift_by_p": 0.5})
     found, network, _, force = network_of(
-        weak, 0.0, zero, zero, (fabric, 0.0), origin, (0.5, 0.0), zero, 1.0, closure, directions
+        weak, 0.0, zero, zero, (fabric, 0.0), origin, (0.5, 0.0), zero, 1.0, closure, (0.0, 0.0, 1.0), rule, None, None
     )
     assert network[1] == pytest.approx(fabric) and force[2] == pytest.approx(1.0 - 0.5 * fabric**2)
     assert found == pushes

@@ -19,7 +19,6 @@ from test_dem_sliding import REFERENCE, history
 
 from granfabric.dem_ref.inputs import material, probes, unloading, weak_contacts
 from granfabric.dem_ref.inputs.material import (
-    isostatic_coordination,
     mean_overlap,
     measure_fabric,
     measure_material,
@@ -43,7 +42,12 @@ from granfabric.dem_ref.inputs.sliding import (
     plastic_part,
     sliding_errors,
 )
-from granfabric.dem_ref.inputs.unloading import Unloading, measure_unloading, shift_that_loses
+from granfabric.dem_ref.inputs.unloading import (
+    Unloading,
+    isostatic_coordination,
+    measure_unloading,
+    shift_that_loses,
+)
 from granfabric.dem_ref.inputs.weak_contacts import (
     SlipLoop,
     WeakContacts,
@@ -155,18 +159,20 @@ def test_gaps_of_a_lattice_with_shrunken_disks(gapped):
     assert gap_distribution(gapped, pairs).window == 0.1
 
 
-UNLOADED = Unloading(ratio=Measured(0.5, 0.12), tangential_loss=Measured(1.7, 0.31))
+UNLOADED = Unloading(
+    ratio=Measured(0.5, 0.12), tangential_loss=Measured(1.7, 0.31), isostatic=Measured(2.65, 0.24)
+)
 
 
 def made_measurements(
-    monkeypatch, moduli, moduli_error, weak, weak_error, loop, loop_error, isostatic, unloading=UNLOADED
+    monkeypatch, moduli, moduli_error, weak, weak_error, loop, loop_error, unloading=UNLOADED
 ) -> dict:
     """Replace all that probes; what each was asked is kept, by name. Packings count as being at rest."""
     asked = {}
     for name, answer in (
         ("elastic_probes", (["isotropic"], ["shear"])), ("elastic_moduli", moduli), ("moduli_errors", moduli_error),
         ("measure_weak_contacts", weak), ("weak_contact_errors", weak_error),
-        ("measure_slip_with_errors", (loop, loop_error)), ("_isostatic", isostatic), ("measure_unloading", unloading),
+        ("measure_slip_with_errors", (loop, loop_error)), ("measure_unloading", unloading),
     ):  # fmt: skip
         def made(*arguments, name=name, answer=answer, **options):
             asked[name] = arguments
@@ -201,7 +207,7 @@ def test_measured_density_of_gaps_counts_what_a_fifth_of_the_mean_force_would_cl
     """The probes are made up: only the gaps are looked at, those between disks that bear forces."""
     one = SimpleNamespace(bulk_reduction=1.0, shear_reduction=1.0, shear=1.0)
     weak, loop = WeakContacts(*7 * [1.0]), SlipLoop(*3 * [1.0])
-    made_measurements(monkeypatch, one, (0.0, 0.0), weak, weak, loop, loop, Measured(3.0, 0.0))
+    made_measurements(monkeypatch, one, (0.0, 0.0), weak, weak, loop, loop)
     monkeypatch.setattr(material, "ISOTROPIC", 1.0)  # the holes do not lie alike in all directions
     measured = measure_material(leaning)
     overlap = mean_overlap(leaning)
@@ -253,9 +259,7 @@ def test_every_measured_number_goes_to_its_own_key(packing, monkeypatch):
     )  # fmt: skip
     loop = SlipLoop(force_anisotropy_ratio=1.15, slip=1.1, irreversible_scatter=4.5)
     loop_error = SlipLoop(force_anisotropy_ratio=0.23, slip=0.22, irreversible_scatter=0.21)
-    asked = made_measurements(
-        monkeypatch, moduli, (0.02, 0.03), weak, weak_error, loop, loop_error, Measured(2.65, 0.24)
-    )
+    asked = made_measurements(monkeypatch, moduli, (0.02, 0.03), weak, weak_error, loop, loop_error)
     found = measure_material_with_errors(sample)
     assert {name: found[name].value for name in DISTINCT} == DISTINCT
     assert {name: found[name].error for name in DISTINCT_ERRORS} == pytest.approx(DISTINCT_ERRORS)
@@ -263,11 +267,12 @@ def test_every_measured_number_goes_to_its_own_key(packing, monkeypatch):
     assert measure_material(sample) == {name: entry.value for name, entry in found.items()}
     assert asked["at_rest"] == (sample,), "a sample that moves is held first"
     assert asked["measure_slip_with_errors"][1:] == (0.05,), "the loops go to q/p = 0.05"
-    assert asked["_isostatic"][1:] == (5e8, 0.03, "included"), "the shear modulus, not the bulk modulus"
     for name in ("measure_weak_contacts", "weak_contact_errors"):
         assert asked[name][1:] == (["isotropic"], ["shear"])
     density, slope = found["force_density_at_zero"], found["force_density_slope"]
-    assert asked["measure_unloading"][1:] == (density, slope, found["tangential_force_ratio"])
+    assert asked["measure_unloading"][1:-2] == (density, slope, found["tangential_force_ratio"])
+    modulus = Measured(5e8, pytest.approx(0.03 * 5e8))
+    assert asked["measure_unloading"][-2:] == (modulus, "included"), "the shear modulus, not the bulk modulus"
     assert asked["moduli_errors"] == (["isotropic"], ["shear"])
 
 
@@ -275,7 +280,7 @@ def test_errors_of_what_is_counted_are_those_of_blocks(packing, monkeypatch):
     """Coordination, P0, the density of gaps and the fabric without each sixteenth of the packing, computed anew."""
     one = SimpleNamespace(bulk_reduction=1.0, shear_reduction=1.0, shear=1.0)
     weak, loop = WeakContacts(*7 * [1.0]), SlipLoop(*3 * [1.0])
-    made_measurements(monkeypatch, one, (0.0, 0.0), weak, weak, loop, loop, Measured(3.0, 0.0))
+    made_measurements(monkeypatch, one, (0.0, 0.0), weak, weak, loop, loop)
     contacts, pairs = contacts_of(packing), radical_neighbours(packing)
 
     def cut(points):
@@ -400,48 +405,28 @@ def test_a_probe_moves_the_stress_where_it_is_told(packing):
     assert probe.change.coordination_gained - probe.change.coordination_lost == pytest.approx(z[1] - z[0], abs=1e-12)
 
 
-@pytest.mark.parametrize(("rattlers", "z0", "z1"), [("included", 4.0, 3.7), ("excluded", 4.2, 4.0)])
-def test_isostatic_coordination_is_where_the_line_through_two_moduli_ends(monkeypatch, rattlers, z0, z1):
-    """G = a (z - z_iso) with z_iso = 2.5, before and after an isotropic unloading by a twentieth of p.
+def test_isostatic_coordination_is_where_the_reduction_of_the_shear_modulus_vanishes():
+    """G = a z (z - z_iso) with z_iso = 2.5, before and after an unloading.
 
-    Its error is what a count of contacts lost, of one more and as of independent ones, and the modulus after unloading
-    move: that by the scatter of a direction, and by the fraction of the count in it.
+    Its error is what a count of contacts and both moduli move, to the first order.
     """
-    packed, unloaded = (
-        SimpleNamespace(all_particles=a, without_rattlers=b) for a, b in ((4.0, 4.2), (3.7, 4.0))
-    )
-    sample, after, lost, count = SimpleNamespace(count=400), object(), 63, 400
-    asked = []
+    z0, z1, counted, small = 4.0, 3.3, 0.02, 1e-6
 
-    def unload(what, dp, dq, **options):
-        asked.append((what is sample, dp, dq))
-        return SimpleNamespace(sample=after, change=SimpleNamespace(lost=lost))
+    def found(z1=z1, before=1.0, after=1.0):
+        g0, g1 = 7e7 * z0 * (z0 - 2.5) * before, 7e7 * 3.3 * (3.3 - 2.5) * after
+        return isostatic_coordination((z0, z1), counted, (Measured(g0, 0.02 * g0), Measured(g1, 0.03 * g1)))
 
-    monkeypatch.setattr(material, "love_weber_stress", lambda what: np.array([-P, -P, 0.0]))
-    monkeypatch.setattr(material, "stress_probe", unload)
-    monkeypatch.setattr(material, "coordination_number", lambda what: packed if what is sample else unloaded)
-    monkeypatch.setattr(material, "shear_modulus", lambda what: 7e7 * ((z1 if what is after else z0) - 2.5))
-    modulus = 7e7 * (z0 - 2.5)
-    found = isostatic_coordination(sample, modulus, rattlers)  # type: ignore[arg-type]
-    assert found == pytest.approx(2.5, rel=1e-12)
-    assert asked == [(True, pytest.approx(-0.05 * P), 0.0)]
-    with_error = material._isostatic(sample, modulus, 0.02, rattlers)  # type: ignore[arg-type]
-    assert with_error.value == found
-
-    def end(fall, softening):
-        return z0 - fall / softening
-
-    fall, softening, small = z0 - z1, (z0 - z1) / (z0 - 2.5), 1e-6
+    assert found().value == pytest.approx(2.5, rel=1e-12)
     moved = [
-        (end(fall + small * 2 * np.sqrt(lost + 1) / count, softening) - found) / small,
-        (end(fall, softening + small * 0.02) - found) / small,
-        (end(fall, softening * (1 + small / np.sqrt(lost))) - found) / small,
+        (found(z1=z1 + small * counted).value - found().value) / small,
+        (found(before=1 + small * 0.02).value - found().value) / small,
+        (found(after=1 + small * 0.03).value - found().value) / small,
     ]
-    assert with_error.error == pytest.approx(np.sqrt(np.sum(np.square(moved))), rel=1e-4)
-    # a modulus that does not fall tells nothing
-    nothing = material._isostatic(sample, 7e7 * (z1 - 2.5), 0.02, rattlers)  # type: ignore[arg-type]
-    assert np.isnan(nothing.value) and np.isnan(nothing.error)
-    assert np.isnan(isostatic_coordination(sample, 7e7 * (z1 - 2.5), rattlers))  # type: ignore[arg-type]
+    assert found().error == pytest.approx(np.sqrt(np.sum(np.square(moved))), rel=1e-4)
+    # contacts are lost, and the modulus per contact does not fall: it tells nothing
+    for after in (7e7 * 3.3 * 1.5, 7e7 * 3.3 * 1.6):
+        nothing = isostatic_coordination((z0, z1), counted, (Measured(7e7 * 4 * 1.5, 0.0), Measured(after, 0.0)))
+        assert np.isnan(nothing.value) and np.isnan(nothing.error)
 
 
 def test_shear_modulus_is_that_of_a_small_unloading(packing, monkeypatch):
@@ -733,15 +718,22 @@ def test_a_line_that_does_not_hold_as_many_gives_no_shift():
     assert shift_that_loses(0.0, 0.5, -0.5) == 0.0
 
 
+MODULUS = Measured(4e8, 4e6)
+
+
 def test_an_unloading_of_a_packing_counts_what_it_loses(packing, monkeypatch):
-    """By 40 % of p: chi_p is the shift of the line that loses as many, kappa how much less a_t the rest calls up."""
+    """By 60 % of p: chi_p is the shift of the line that loses as many, kappa how much less a_t the rest calls up.
+
+    On to a fifth of p: z_iso from the shear modulus that is left.
+    """
     p = stress_invariants(love_weber_stress(packing))[0]
-    unloaded = stress_probe(packing, -0.4 * p, 0.0)
+    unloaded = stress_probe(packing, -0.6 * p, 0.0)
+    softened = stress_probe(unloaded.sample, -0.2 * p, 0.0)
     asked = []
 
     def unload(sample, dp, dq, **options):
         asked.append((sample is packing, dp, dq))
-        return unloaded
+        return unloaded if sample is packing else softened
 
     one = WeakContacts(*7 * [1.0])
     weak, weak_error = replace(one, tangential_ratio=0.6), replace(one, tangential_ratio=0.03)
@@ -750,13 +742,17 @@ def test_an_unloading_of_a_packing_counts_what_it_loses(packing, monkeypatch):
     monkeypatch.setattr(unloading, "elastic_probes", lambda sample: (probed.append(sample) or "isotropic", "shear"))
     monkeypatch.setattr(unloading, "measure_weak_contacts", lambda *asked: weak)
     monkeypatch.setattr(unloading, "weak_contact_errors", lambda *asked: weak_error)
+    softer = Measured(8e7, 8e7 * 0.05)
+    monkeypatch.setattr(unloading, "elastic_moduli", lambda *asked: SimpleNamespace(shear=8e7, bulk=2e8))
+    monkeypatch.setattr(unloading, "moduli_errors", lambda *asked: (0.5, 0.05))
     before, after = contacts_of(packing), contacts_of(unloaded.sample)
     lost = len(set(before.key.tolist()) - set(after.key.tolist()))
-    assert 0.05 < lost / before.count < 0.3
+    assert 0.1 < lost / before.count < 0.4
+    far = len(set(before.key.tolist()) - set(contacts_of(softened.sample).key.tolist()))
     for slope in (-0.3, 0.0, 0.3):
         density, c_t = Measured(0.6, 0.04), Measured(0.75, 0.01)
-        found = measure_unloading(packing, density, Measured(slope, 0.1), c_t)
-        shift = 0.4 * found.ratio.value
+        found = measure_unloading(packing, density, Measured(slope, 0.1), c_t, MODULUS)
+        shift = 0.6 * found.ratio.value
         line = 0.6 * shift + slope * shift**2 / 2
         assert np.exp(-line - line**2 / 2) == pytest.approx(1 - lost / before.count, rel=1e-9)
         assert found.ratio.error == pytest.approx(found.ratio.value * np.hypot(1 / np.sqrt(lost), 0.04 / 0.6))
@@ -765,13 +761,37 @@ def test_an_unloading_of_a_packing_counts_what_it_loses(packing, monkeypatch):
         assert found.tangential_loss.value == pytest.approx(kappa)
         of_ratios = np.hypot(0.01 / 0.75, 0.03 / 0.6) / (left + left**2 / 2)
         assert found.tangential_loss.error == pytest.approx(np.hypot(of_ratios, kappa / np.sqrt(lost)))
-    assert asked == 3 * [(True, pytest.approx(-0.4 * p), 0.0)] and probed == 3 * [unloaded.sample]
+        z = tuple(2 * contacts.count / packing.count for contacts in (before, contacts_of(softened.sample)))
+        counted = 2 * np.sqrt(far) / packing.count
+        wanted = isostatic_coordination(z, counted, (MODULUS, softer))
+        assert found.isostatic == Measured(pytest.approx(wanted.value), pytest.approx(wanted.error))
+    bare = measure_unloading(packing, density, Measured(0.0, 0.1), c_t, MODULUS, "excluded").isostatic
+    z = tuple(coordination_number(each).without_rattlers for each in (packing, softened.sample))
+    assert bare.value == pytest.approx(isostatic_coordination(z, 0.0, (MODULUS, softer)).value)
+    assert asked == 4 * [(True, pytest.approx(-0.6 * p), 0.0), (False, pytest.approx(-0.2 * p), 0.0)]
+    assert probed == 4 * [unloaded.sample, softened.sample]
     # c_t that has grown loses nothing, one that is not there tells nothing
-    assert measure_unloading(packing, density, Measured(0.0, 0.1), Measured(0.5, 0.01)).tangential_loss.value == 0.0
-    nothing = measure_unloading(packing, density, Measured(0.0, 0.1), Measured(0.0, 0.0)).tangential_loss
+    grown = measure_unloading(packing, density, Measured(0.0, 0.1), Measured(0.5, 0.01), MODULUS)
+    assert grown.tangential_loss.value == 0.0
+    nothing = measure_unloading(packing, density, Measured(0.0, 0.1), Measured(0.0, 0.0), MODULUS).tangential_loss
     assert np.isnan(nothing.value) and np.isnan(nothing.error)
-    no_line = measure_unloading(packing, Measured(0.0, 0.1), Measured(0.0, 0.1), c_t)
+    no_line = measure_unloading(packing, Measured(0.0, 0.1), Measured(0.0, 0.1), c_t, MODULUS)
     assert np.isnan(no_line.ratio.value) and np.isnan(no_line.tangential_loss.value)
+
+
+def test_disks_that_fall_apart_have_no_isostatic_coordination(packing, monkeypatch):
+    """What else the unloading tells is kept."""
+    p = stress_invariants(love_weber_stress(packing))[0]
+    unloaded = stress_probe(packing, -0.6 * p, 0.0)
+
+    def unload(sample, dp, dq, **options):
+        if sample is packing:
+            return unloaded
+        raise ProbeError("it flows")
+
+    monkeypatch.setattr(unloading, "stress_probe", unload)
+    found = measure_unloading(packing, Measured(0.6, 0.04), Measured(0.0, 0.1), Measured(0.75, 0.01), MODULUS)
+    assert np.isnan(found.isostatic.value) and 0.3 < found.ratio.value < 1.0 and found.tangential_loss.value > 0.5
 
 
 def test_gaps_of_rattlers_do_not_close():
@@ -966,12 +986,13 @@ def test_hardening_is_fitted_from_a_twentieth_to_nine_tenths_of_the_peak():
         assert abs(fitted(low, high).reference / straight.reference - 1) > 5e-3 or fitted(low, high).misfit > 0.02
 
 
-def made_history(rattlers=0.15):
-    """Loading at constant p with falling coordination, elastic strain only."""
+def made_history(rattlers=0.15, counted=0.0):
+    """Loading at constant p with falling coordination, elastic strain only; G goes by z + `counted`."""
     ratio = np.linspace(0.0, 0.3, 3001)
     z = 4.0 - 1.0 * ratio
     unit = 0.85 * 1e9 / (4 * np.pi)
-    g = unit * 1.5 * 4.0 * 0.7 * (z - 2.6) / 1.4
+    of = z + counted
+    g = unit * 1.5 * 4.0 * 0.7 * of / of[0] * (of - 2.6) / (of[0] - 2.6)
     strain = np.concatenate([[0.0], np.cumsum(0.5 * (1 / g[1:] + 1 / g[:-1]) * np.diff(ratio * P))])
     zero = np.zeros_like(ratio)
     return {
@@ -988,10 +1009,10 @@ MEASURED = {
 
 
 def test_elastic_strain_is_taken_off_to_nothing_in_either_counting():
-    """kt/kn = 0.5; the shear modulus falls with z - z_iso, of either counting of rattlers."""
+    """kt/kn = 0.5; the shear modulus falls with z (z - z_iso), of either counting of rattlers."""
     part = plastic_part(made_history(), MEASURED)
     assert np.abs(part.plastic_shear).max() < 1e-6 * part.shear.max()
-    other = plastic_part(made_history(), {**MEASURED, "isostatic_coordination": 2.75}, "excluded")
+    other = plastic_part(made_history(counted=0.15), MEASURED, "excluded")
     assert np.abs(other.plastic_shear).max() < 1e-6 * part.shear.max()
     # the wrong counting leaves something
     wrong = plastic_part(made_history(0.5), MEASURED, "excluded")

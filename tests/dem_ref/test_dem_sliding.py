@@ -34,7 +34,7 @@ def history(exponent=2.0, first=0.0, angle=np.pi / 2, lateral=False, last=1e-2, 
     p = 1e5 / (1.0 - ratio) if lateral else np.full_like(ratio, 1e5)
     z = 3.9 - (3.9 - z_end) * gamma / (gamma + 2e-4)
     unit = 0.846 * 1e9 / (4 * np.pi)
-    shear_modulus = unit * 2.0 * 3.9 * 0.69 * np.maximum((z - 2.65) / 1.25, 0.2)
+    shear_modulus = unit * 2.0 * 3.9 * 0.69 * np.maximum(z / 3.9 * (z - 2.65) / 1.25, 0.2)
     bulk_modulus = 2.0 * unit * z * 0.88
 
     def integral(values, over):

@@ -51,7 +51,7 @@ _ROWS: dict[str, tuple[str, dict[str, Any]]] = {
     "kn_p_1e5": ("kn/p 1e5", {"stiffness_to_pressure": 1e5}),
     "size_ratio_2": ("size ratio 2", {"diameter_ratio": 2.0}),
     "size_ratio_4": ("size ratio 4", {"diameter_ratio": 4.0}),
-    "loose": ("loose, compacted with friction", {"preparation_friction": 0.07}),
+    "loose": ("loose, z = 3.57", {"coordination": 3.57}),
 }
 DEFAULT_MATERIALS = ("source",)
 QUICK_MATERIALS = ("source", "friction_0.2", "kt_kn_0.2", "size_ratio_2")

@@ -26,7 +26,7 @@ from granfabric.cases.verify.model_side import closures
 from granfabric.cases.verify.paths import PATHS as TURNING_PATHS
 from granfabric.cases.verify.paths import model_columns
 from granfabric.constitutive.parameters import ParameterError
-from granfabric.dem_ref.compilation import kernel_cache_directory
+from granfabric.dem_ref.compilation import sources_mark
 from granfabric.dem_ref.dynamics.motion import UnstableMotionError
 from granfabric.dem_ref.dynamics.packing import PackingError, PackingOptions
 from granfabric.dem_ref.inputs.probes import ProbeError, is_at_rest
@@ -160,7 +160,9 @@ def _work(task: Task, report: Report, stop: Stop) -> Done:
 
 
 class MapStore:
-    """Files of one packing; their names carry a hash of its options and of the sources of the DEM.
+    """Files of one packing; their names carry a hash of its options and of the sources of the DEM that decide them.
+
+    Packings and paths stay good where only the measuring of inputs has changed; the inputs are then measured again.
 
     Files of the comparison without a map, on the source's material, are read too.
     """
@@ -168,8 +170,9 @@ class MapStore:
     def __init__(self, folder: Path, particles: int, material: MapMaterial, seed: int) -> None:
         self.folder, self.particles, self.material, self.seed = folder, particles, material, seed
         folder.mkdir(parents=True, exist_ok=True)
-        content = json.dumps(asdict(material.options), sort_keys=True, default=str) + kernel_cache_directory().name
-        self._mark = hashlib.sha256(content.encode()).hexdigest()[:10]
+        options = json.dumps(asdict(material.options), sort_keys=True, default=str)
+        self._mark = hashlib.sha256((options + sources_mark(motion_only=True)).encode()).hexdigest()[:10]
+        self._inputs = f"{sources_mark()[:10]}_inputs.json"
         self._plain = DemStore(folder, particles) if material.options == PackingOptions() else None
 
     def path(self, name: str) -> Path:
@@ -212,15 +215,15 @@ class MapStore:
 
     def inputs(self) -> Done:
         """Measure the inputs of the point law, unless that was done."""
-        for place, key in zip((self._places("inputs.json"), self._places("notes.json")), ("", "measured")):
-            for file in place:
-                with suppress(OSError, ValueError, KeyError, TypeError):
-                    table = files.read_json(file)
-                    table = table[key] if key else table
-                    if from_data(table).values:
-                        return Done(table, computed=False)
+        table: dict[str, Any] = {}
+        with suppress(OSError, ValueError):
+            table = files.read_json(self.path(self._inputs))
+        if not table and self._plain is not None:
+            table = self._plain.notes(self.seed).get("measured", {})
+        if from_data(table).values:
+            return Done(table, computed=False)
         table = as_data(measure_inputs(self._given_packing()))
-        files.write_json(self.path("inputs.json"), table)
+        files.write_json(self.path(self._inputs), table)
         return Done(table)
 
     def run(self, name: str, report: Report, stop: Stop) -> Done:

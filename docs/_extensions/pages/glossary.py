@@ -34,7 +34,7 @@ def everything_on() -> Effects:
 
 def all_state_variables() -> tuple[Variable, ...]:
     """State variables of any contact law; the reference state, which a law keeps for some choices only, included."""
-    return state_variables(everything_on(), shifted=True)
+    return state_variables(everything_on(), shifted=True, remembering=True)
 
 
 def declared() -> dict[str, Variable]:

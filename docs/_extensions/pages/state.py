@@ -31,7 +31,8 @@ def carried_for(name: str) -> str:
     needs = []
     for effect in on.names():
         reduced = replace(on, **{effect: False})
-        if name not in {variable.name for variable in state_variables(reduced, shifted=True)}:
+        remembering = reduced.tangential_memory and reduced.network_changes
+        if name not in {variable.name for variable in state_variables(reduced, True, remembering)}:
             needs.append(code(f"effects.{effect}"))
     if name not in {variable.name for variable in state_variables(on, shifted=False)}:
         shifted = '`closure.force_change = "shifted_distribution"`'

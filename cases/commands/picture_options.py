@@ -1,0 +1,51 @@
+"""`--format` of every command that draws, and how commands end."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from granfabric.cases.pictures import formats
+
+FormatOption = Annotated[
+    str | None,
+    typer.Option("--format", metavar="png,pdf,svg", help="Formats of pictures, with commas between; PNG if not given."),
+]
+
+
+DRAWING = {"run", "point", "dem", "verify", "cost", "convergence", "measure", "fit", "mesh", "plot"}
+
+
+def add_to(app: typer.Typer) -> None:
+    """Give the commands of an application that draw the option."""
+    for command in app.registered_commands:
+        callback = command.callback
+        if callback is not None and (command.name or callback.__name__) in DRAWING:
+            command.callback = _with_formats(callback)
+
+
+def _with_formats(command: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(command)
+    def drawing(*arguments: Any, formats_given: str | None, **options: Any) -> Any:
+        chosen = formats.DEFAULT if formats_given is None else formats.parsed(formats_given)
+        with formats.written_as(chosen):
+            return command(*arguments, **options)
+
+    hints = get_type_hints(command, include_extras=True)
+    given = inspect.signature(command)
+    own = [parameter.replace(annotation=hints[name]) for name, parameter in given.parameters.items()]
+    option = inspect.Parameter("formats_given", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=FormatOption)
+    drawing.__signature__ = given.replace(parameters=[*own, option])  # type: ignore[attr-defined]
+    drawing.__annotations__ = {**hints, "formats_given": FormatOption}
+    del drawing.__wrapped__  # type: ignore[attr-defined]  # its signature is another
+    return drawing
+
+
+def exit_by(outcome: str) -> None:
+    """End with code 1 unless the run came to its end."""
+    if outcome != "finished":
+        raise typer.Exit(1)
