@@ -233,8 +233,8 @@ def findings(table: Sequence[Row]) -> list[str]:
     fastest = min(tangents, key=lambda row: row["seconds"])
     said = [
         f"With the defaults the stress at the end of the path is off by {base['error']:.1e} p, in "
-        f"{base['seconds']:.3g} s a point; strained in one go at each increment, by {jump['error']:.1e} p; in a single increment, by "
-        f"{single['error']:.1e} p.",
+        f"{base['seconds']:.3g} s a point; strained in one go at each increment, by {jump['error']:.1e} p; "
+        f"in a single increment, by {single['error']:.1e} p.",
         "Scatter of one packing, q/p, z and a_c: "
         + "; ".join(
             f"{row['setting']} disks {row['scatter_ratio']:.2g}, {row['scatter_coordination']:.2g}, "

@@ -29,6 +29,10 @@ CLOSE = 2e-4
 """Of the pressure: a stress that is this near counts as reached."""
 
 
+LONGEST = 500_000
+"""Steps in which a packing has to reach its stress; those that do take a tenth."""
+
+
 class NotCarriedError(ValueError):
     """A packing cannot be loaded to a stress; the text says which and why."""
 
@@ -115,7 +119,7 @@ def loaded(sample: Sample, stress: Array) -> Sample:
     dp = -0.5 * float(change[0] + change[1])
     _, dq, angle = stress_invariants(change)
     try:
-        after = settled(stress_probe(sample, dp, dq, angle).sample)
+        after = settled(stress_probe(sample, dp, dq, angle, steps=LONGEST).sample)
     except (ProbeError, SampleError) as error:
         raise NotCarriedError(f"a packing of {sample.count} disks does not carry it: {error}") from error
     if not np.abs(love_weber_stress(after) - stress).max() <= -5.0 * CLOSE * 0.5 * (stress[0] + stress[1]):

@@ -15,7 +15,7 @@ from granfabric.cases.commands.point import run_point
 from granfabric.cases.commands.run import run_field
 from granfabric.cases.errors import InputError, RunError
 from granfabric.cases.grains.law import GrainsLaw
-from granfabric.cases.grains.store import NotCarriedError, PackingStore
+from granfabric.cases.grains.store import PackingStore
 from granfabric.cases.records import files
 from granfabric.cases.scene.reader import load
 from granfabric.cases.terminal.screen import Screen
@@ -147,9 +147,7 @@ def test_packings_are_made_once_and_damaged_files_anew(tmp_path):
     assert PackingStore(50, options, Path("/proc/nowhere")).at_rest(1).count == 50  # keeps nothing, but works
 
 
-def test_stress_that_no_packing_carries_is_refused(tmp_path, own_store):
-    with pytest.raises(NotCarriedError, match="a packing of 50 disks"):
-        PackingStore(50, PackingOptions(), own_store).under(1, np.array([-0.2e5, -1.8e5, 0.0]))
+def test_stress_that_no_packing_carries_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"mine.toml: initial.stress = \[-20000, -180000, 0\] Pa: a packing of 50"):
         run_point(scene(tmp_path, POINT, "initial.stress=[-20e3, -180e3, 0.0]"), tmp_path / "out", quiet())
 
