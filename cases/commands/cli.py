@@ -27,6 +27,8 @@ from .verify_options import (
     ProcessesOption,
     QuickOption,
     SeedsOption,
+    VerifiedScene,
+    VerifyOutputOption,
 )
 
 INTERRUPTED = 130
@@ -229,9 +231,8 @@ def dem(
 
 @app.command()
 def verify(
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Result folder; DEM runs in it are used again.")
-    ] = Path("results/verify"),
+    scene: VerifiedScene = None,
+    output: VerifyOutputOption = None,
     particles: ParticlesOption = None,
     seeds: SeedsOption = None,
     paths: PathsOption = None,
@@ -244,15 +245,14 @@ def verify(
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:
-    """Compare the point law with the DEM: the source's four figures and a table of errors, or a map.
-
+    """Compare the point law with the DEM: the source's four figures and a table of errors, a map, or a field scene.
     With --paths, --materials, --set or --quick a map of materials by paths. With --data the law alone against curves.
     """
     with _speaking(quiet, verbose) as screen:
         from .verify_kinds import verify_as_asked
 
         choice = (particles, seeds, paths, materials, assignments or [], data or [], quick, processes)
-        exit_by(verify_as_asked(output, *choice, screen, overwrite).outcome)
+        exit_by(verify_as_asked(scene, output, *choice, screen, overwrite).outcome)
 
 
 @app.command()

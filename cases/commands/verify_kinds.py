@@ -1,4 +1,4 @@
-"""`granfabric verify` is three things: the source's figures, a map of materials by paths, or the law against curves."""
+"""`granfabric verify` is several things: the source's figures, a map, the law against curves, or a field scene."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from granfabric.cases.terminal.screen import Screen
 
 
 def verify_as_asked(
-    folder: Path,
+    scene: str | None,
+    output: Path | None,
     particles: int | None,
     seeds: int | None,
     paths: str | None,
@@ -32,6 +33,15 @@ def verify_as_asked(
     RunError
         If the run broke off.
     """
+    folder = output or Path("results") / ("verify" if scene is None else f"verify_{Path(scene).stem}")
+    if scene is not None:
+        given = {"--paths": paths, "--materials": materials, "--data": list(data) or None, "--quick": quick or None}
+        for name, value in {**given, "--processes": processes}.items():
+            if value is not None:
+                raise InputError(f"{name} does not go with a scene, which is computed by the law and by grains")
+        from .verify_scene import run_verify_scene
+
+        return run_verify_scene(scene, folder, particles, seeds, list(assignments), screen, overwrite)
     if data:
         given = {"--paths": paths, "--materials": materials, "--quick": quick or None, "--processes": processes}
         given |= {"--particles": particles, "--seeds": seeds}
