@@ -76,14 +76,14 @@ def _pace(samples: Sequence[Sample], tell: Any) -> list[Row]:
     tell("reference")
     reference = _driven(samples, FINE, CALLS)[0]
     base = Pace()
-    settings: list[tuple[str, str, Pace, int]] = [
-        *(("strain step", f"{step:g}", replace(base, strain_step=step), CALLS) for step in STRAIN_STEPS),
-        *(("rest tolerance", f"{rest:g}", replace(base, rest=rest), CALLS) for rest in RESTS),
-        *(("increments", f"{calls}", base, calls) for calls in INCREMENTS),
+    settings: list[tuple[str, float, Pace, int]] = [
+        *(("strain step", step, replace(base, strain_step=step), CALLS) for step in STRAIN_STEPS),
+        *(("rest tolerance", rest, replace(base, rest=rest), CALLS) for rest in RESTS),
+        *(("increments", calls, base, calls) for calls in INCREMENTS),
     ]
     table = []
     for series, setting, pace, calls in settings:
-        tell(f"{series} {setting}")
+        tell(f"{series} {setting:g}")
         stress, _, seconds, steps = _driven(samples, pace, calls)
         table.append(
             _row("pace", series, setting, float(np.abs(stress - reference).max()) / PRESSURE, seconds, steps)
@@ -102,7 +102,7 @@ def _sizes(sizes: Sequence[int], seeds: int, store: Path, tell: Any) -> list[Row
         ratio = np.hypot(0.5 * (stress[:, 0] - stress[:, 1]), stress[:, 2]) / (-0.5 * stress[:, :2].sum(axis=1))
         fabric = np.hypot(measures[:, 1], measures[:, 2])
         values = {"ratio": ratio, "coordination": measures[:, 0], "fabric": fabric}
-        row = _row("disks", "disks", f"{disks}", float(ratio.std(ddof=1)), seconds, steps)
+        row = _row("disks", "disks", disks, float(ratio.std(ddof=1)), seconds, steps)
         for name, value in values.items():
             row[f"mean_{name}"], row[f"scatter_{name}"] = float(value.mean()), float(value.std(ddof=1))
         table.append(row)
@@ -150,7 +150,7 @@ def _tangents(samples: Sequence[Sample], quick: bool, tell: Any) -> list[Row]:
     for name, law in laws.items():
         tell(f"tangent: {name}")
         reaction, seconds, counters, steps = run(law, TOLERANCE)
-        row = _row("tangents", name, f"{TOLERANCE:g}", abs(reaction - reference), seconds, steps)
+        row = _row("tangents", name, TOLERANCE, abs(reaction - reference), seconds, steps)
         table.append({**row, **{key: counters[key] for key in COUNTERS}})
     return table
 
@@ -159,7 +159,7 @@ COUNTERS = ("newton_iterations", "law_calls", "cuts", "line_searches")
 MEANS = tuple(f"{kind}_{name}" for name in ("ratio", "coordination", "fabric") for kind in ("mean", "scatter"))
 
 
-def _row(facet: str, series: str, setting: str, error: float, seconds: float, steps: int) -> Row:
+def _row(facet: str, series: str, setting: float, error: float, seconds: float, steps: int) -> Row:
     row: Row = {"facet": facet, "series": series, "setting": setting, "error": error, "seconds": seconds}
     return {**row, "count": steps, **dict.fromkeys((*MEANS, *COUNTERS), "")}
 
@@ -225,9 +225,9 @@ def draw(path: Path, table: Sequence[Row]) -> None:
 def findings(table: Sequence[Row]) -> list[str]:
     """What the numbers say."""
     pace = [row for row in table if row["facet"] == "pace"]
-    base = next(row for row in pace if row["series"] == "strain step" and row["setting"] == "2e-08")
-    jump = next(row for row in pace if row["series"] == "strain step" and row["setting"] == "1e-05")
-    single = next(row for row in pace if row["series"] == "increments" and row["setting"] == "1")
+    base = next(row for row in pace if row["series"] == "strain step" and row["setting"] == Pace().strain_step)
+    jump = next(row for row in pace if row["series"] == "strain step" and row["setting"] == STRAIN_STEPS[-1])
+    single = next(row for row in pace if row["series"] == "increments" and row["setting"] == INCREMENTS[0])
     sizes = [row for row in table if row["facet"] == "disks"]
     tangents = [row for row in table if row["facet"] == "tangents"]
     fastest = min(tangents, key=lambda row: row["seconds"])

@@ -38,7 +38,7 @@ LARGEST_INCREMENT = 5e-3
 """Norm of the strain increment of one call above which a point asks for a smaller one: it would take minutes, and is a
 trial far off."""
 KEPT = 4096
-"""Stiffnesses of start states that are remembered."""
+"""Stiffnesses of start states that are remembered, if there are not more points than half of it."""
 
 MEASURED = (
     Variable("coordination", "contacts per particle, all particles counted", lower=0.0, upper=6.0),
@@ -116,6 +116,7 @@ class GrainsLaw:
         self.on_points: Callable[[int, int], None] | None = None
         self.stop: Callable[[], bool] | None = None
         self._stiffness: dict[bytes, Array] = {}
+        self._room = KEPT
         self._lock = threading.Lock()
         hidden = Variable("packing", "the packing itself", "m", packing_columns.width(self.disks), hidden=True)
         self._description = LawDescription("grains", (*MEASURED, hidden), ())
@@ -216,6 +217,8 @@ class GrainsLaw:
             tangent_kind, material_index,
         )  # fmt: skip
         npoints = len(arrays.increment)
+        # those of this step and of the one before, to which a cut goes back
+        self._room = max(KEPT, 2 * npoints)
         status = np.zeros(npoints, dtype=np.int8)
         steps = np.zeros(npoints, dtype=np.int64)
 
@@ -300,7 +303,7 @@ class GrainsLaw:
         if known is None:
             known = network_stiffness(self.packing(start))
             with self._lock:
-                if len(self._stiffness) >= KEPT:
+                if len(self._stiffness) >= self._room:
                     self._stiffness.clear()
                 self._stiffness[key] = known
         return known

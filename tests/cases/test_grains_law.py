@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from grains_points import PRESSURE, SHEAR, call, law, packings, start
 
+from granfabric.cases.grains import law as grains_law
 from granfabric.cases.grains import packing_columns
 from granfabric.cases.grains.drive import Pace, drive
 from granfabric.cases.grains.law import LARGEST_INCREMENT, MEASURES, GrainsLaw
@@ -81,6 +82,19 @@ def test_answers_depend_on_the_arguments_alone():
         alone = call(law(threads=1), SHEAR, stress[point : point + 1], state[point : point + 1])
         for found, expected in zip(alone[:3], reference[:3]):
             assert np.array_equal(found[0], expected[point])
+
+
+def test_stiffness_of_a_start_state_is_found_once(monkeypatch):
+    stress, state = start(law())
+    found = []
+    monkeypatch.setattr(grains_law, "KEPT", 1)
+    monkeypatch.setattr(grains_law, "network_stiffness", lambda sample: found.append(0) or network_stiffness(sample))
+    grains = law(threads=1)
+    first = call(grains, np.zeros(3), stress, state)[2]
+    for increment in (np.zeros(3), SHEAR):
+        call(grains, increment, stress, state)
+    assert len(found) == 3
+    assert np.array_equal(call(grains, np.zeros(3), stress, state)[2], first)
 
 
 def test_zero_increment_changes_nothing_and_gives_the_stiffness():

@@ -11,6 +11,7 @@ import meshio
 import numpy as np
 import pytest
 
+from granfabric.cases.commands.effects import show_effects
 from granfabric.cases.commands.point import run_point
 from granfabric.cases.commands.run import run_field
 from granfabric.cases.errors import InputError, RunError
@@ -18,6 +19,7 @@ from granfabric.cases.grains.law import GrainsLaw
 from granfabric.cases.grains.store import PackingStore
 from granfabric.cases.records import files
 from granfabric.cases.scene.reader import load
+from granfabric.cases.scene.schema_law_kind import remarks
 from granfabric.cases.terminal.screen import Screen
 from granfabric.dem_ref.dynamics.packing import PackingOptions
 from granfabric.dem_ref.measures.contacts import love_weber_stress, unbalanced_force
@@ -223,6 +225,30 @@ def test_failed_point_replays_alone_from_its_packing(tmp_path):
     assert replayed.outcome == "failed"
     reason = replayed.message.split(": ", 1)[1]
     assert reason in record.message
+
+
+def test_grains_have_no_effects_to_decide(tmp_path):
+    with pytest.raises(InputError, match="has no effects to decide"):
+        show_effects(scene(tmp_path, FIELD), quiet())
+
+
+def test_tolerance_beyond_what_packings_answer_is_told(tmp_path):
+    assert not list(remarks(scene(tmp_path, FIELD).scene))
+    said = list(remarks(scene(tmp_path, FIELD, "solver.tolerance=1e-8").scene))
+    assert len(said) == 1 and said[0].startswith("warning: solver.tolerance = 1e-08")
+
+
+@pytest.mark.slow
+def test_shipped_scene_gives_its_numbers(tmp_path):
+    record = run_field(load("grains_biaxial", ["output.pictures=false"]), tmp_path / "out", quiet())
+    assert record.outcome == "finished" and record.details["counters"]["cuts"] == 0
+    names, rows = files.read_rows(tmp_path / "out" / "history.csv")
+    first, last = ({name: row[place] for place, name in enumerate(names)} for row in (rows[0], rows[-1]))
+    assert float(last["q"]) / float(last["p"]) == pytest.approx(0.255, abs=1e-3)
+    assert float(first["coordination"]) == pytest.approx(3.877, abs=1e-3)
+    assert float(last["coordination"]) == pytest.approx(3.723, abs=2e-3)
+    assert float(last["coordination_smallest"]) == pytest.approx(3.64, abs=1e-2)
+    assert float(last["reaction_top_y"]) / float(first["reaction_top_y"]) == pytest.approx(1.742, abs=2e-3)
 
 
 def test_grains_stay_with_the_own_host(tmp_path):
