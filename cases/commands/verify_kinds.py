@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
+from granfabric.cases.engine import machine
+from granfabric.cases.engine.choice import Choice
 from granfabric.cases.errors import InputError
 from granfabric.cases.records.record import Record
 from granfabric.cases.terminal.screen import Screen
@@ -20,7 +23,7 @@ def verify_as_asked(
     assignments: Sequence[str],
     data: Sequence[str],
     quick: bool,
-    processes: int | None,
+    choice: Choice,
     screen: Screen,
     overwrite: bool,
 ) -> Record:
@@ -35,16 +38,20 @@ def verify_as_asked(
     """
     folder = output or Path("results") / ("verify" if scene is None else f"verify_{Path(scene).stem}")
     if scene is not None:
-        given = {"--paths": paths, "--materials": materials, "--data": list(data) or None, "--quick": quick or None}
-        for name, value in {**given, "--processes": processes}.items():
+        unused = {"--paths": paths, "--materials": materials, "--data": list(data) or None, "--quick": quick or None}
+        unused |= {"--workers": choice.workers, "--scheduler": choice.scheduler}
+        for name, value in unused.items():
             if value is not None:
                 raise InputError(f"{name} does not go with a scene, which is computed by the law and by grains")
         from .verify_scene import run_verify_scene
 
-        return run_verify_scene(scene, folder, particles, seeds, list(assignments), screen, overwrite)
+        choice.check()
+        with machine.threads(choice.threads) if choice.threads else nullcontext():
+            return run_verify_scene(scene, folder, particles, seeds, list(assignments), screen, overwrite)
     if data:
-        given = {"--paths": paths, "--materials": materials, "--quick": quick or None, "--processes": processes}
-        given |= {"--particles": particles, "--seeds": seeds}
+        given: dict[str, object] = {"--paths": paths, "--materials": materials, "--quick": quick or None}
+        given |= {"--particles": particles, "--seeds": seeds, "--workers": choice.workers}
+        given |= {"--scheduler": choice.scheduler}
         for name, value in given.items():
             if value is not None:
                 raise InputError(f"{name} is of comparisons with the DEM; --data compares with curves")
@@ -54,10 +61,8 @@ def verify_as_asked(
     from .verify import PARTICLES, SEEDS, run_verify
     from .verify_map import MapRequest, run_map
 
-    request = MapRequest(paths, materials, assignments, quick, particles, seeds, processes)
+    request = MapRequest(paths, materials, assignments, quick, particles, seeds, choice)
     if request.is_map:
         return run_map(request, folder, screen, overwrite)
-    if processes is not None:
-        raise InputError("--processes goes with a map: --paths, --materials, --set or --quick")
     numbers = (PARTICLES if particles is None else particles, SEEDS if seeds is None else seeds)
-    return run_verify(folder, *numbers, screen, overwrite)
+    return run_verify(folder, *numbers, screen, overwrite, choice)

@@ -30,6 +30,7 @@ FAILED_POINT = "failed_point.toml"
 FAILED_PACKING = "failed_point.npz"
 """The packing of a failed point with grains."""
 OF_DATA = ("fit.csv", "fit.png", "data.csv", "data.png")
+OF_SWEEP = ("index.csv", "results.csv", "results.png", "scatter.csv")
 PICTURES = (
     *("overview.png", "microvariables.png", "fabric_decomposition.png", "stress_strain.png", "packing.png"),
     "distributions.png",
@@ -46,6 +47,7 @@ OWN_FILES = (
     *(f"{CHECKPOINT}.part", f"{PACKING}.part"),
     *(MATERIAL, COMPARISON, MESH_ERROR, *TABLES, *(f"{name}.pvd" for name in SERIES), *PICTURES),
     *OF_DATA,
+    *OF_SWEEP,
 )
 CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
 OF_MAP = ("map_*.png", "material_*.toml")

@@ -8,6 +8,7 @@ from PIL import Image
 
 from granfabric.cases.commands.verify_kinds import verify_as_asked
 from granfabric.cases.commands.verify_scene import run_verify_scene
+from granfabric.cases.engine.choice import Choice
 from granfabric.cases.errors import InputError
 from granfabric.cases.records import files
 from granfabric.cases.scene.reader import load
@@ -56,6 +57,6 @@ def test_scenes_that_grains_cannot_follow_are_refused(tmp_path, scene, given, te
 
 def test_options_of_other_comparisons_are_refused(tmp_path):
     with pytest.raises(InputError, match="--quick does not go with a scene"):
-        verify_as_asked("biaxial", tmp_path, None, None, None, None, [], [], True, None, Screen(quiet=True), False)
+        verify_as_asked("biaxial", tmp_path, None, None, None, None, [], [], True, Choice(), Screen(quiet=True), False)
     with pytest.raises(InputError, match=r"--particles 10 is outside \[50, 20000\]"):
         run_verify_scene("biaxial", tmp_path, 10, None, [], Screen(quiet=True))
