@@ -38,8 +38,8 @@ def verify_as_asked(
     """
     folder = output or Path("results") / ("verify" if scene is None else f"verify_{Path(scene).stem}")
     if scene is not None:
-        unused = {"--paths": paths, "--materials": materials, "--data": list(data) or None, "--quick": quick or None}
-        unused |= {"--workers": choice.workers, "--scheduler": choice.scheduler}
+        unused: dict[str, object] = {"--paths": paths, "--materials": materials, "--quick": quick or None}
+        unused |= {"--data": list(data) or None, "--workers": choice.workers, "--scheduler": choice.scheduler}
         for name, value in unused.items():
             if value is not None:
                 raise InputError(f"{name} does not go with a scene, which is computed by the law and by grains")

@@ -164,12 +164,15 @@ def with_grains(loaded: LoadedScene, prepared: Prepared, screen: Screen, stop: C
     """
     problem = prepared.problem
     law, state = grains_law(loaded, problem.initial_stress, screen, stop)
-    made = Problem(
-        problem.space,
-        law,
-        problem.stages,
-        initial_stress=problem.initial_stress,
-        initial_state=state,
-        balance_initial_stress=problem.balance_initial_stress,
-    )
+    try:
+        made = Problem(
+            problem.space,
+            law,
+            problem.stages,
+            initial_stress=problem.initial_stress,
+            initial_state=state,
+            balance_initial_stress=problem.balance_initial_stress,
+        )
+    except ValueError as error:  # material that is placed where there was some before begins as a packing anew
+        raise loaded.error(["stage"], f"stage: with grains at the points: {error}") from error
     return replace(prepared, problem=made)
