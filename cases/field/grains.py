@@ -14,7 +14,7 @@ from granfabric.cases.errors import RunError
 from granfabric.cases.grains import packing_columns
 from granfabric.cases.grains.drive import Pace
 from granfabric.cases.grains.law import MEASURES, GrainsLaw
-from granfabric.cases.grains.store import NotCarriedError, PackingStore
+from granfabric.cases.grains.store import NotCarriedError, OnePacking, PackingStore
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.scene.schema_dem import Packing
 from granfabric.cases.terminal.screen import Screen
@@ -89,20 +89,17 @@ def grains_law(
     """
     section = loaded.scene.law
     pace = Pace(section.strain_step, section.rest, section.longest_rest)
-    if section.packing_file is not None:
-        samples = [_from_file(loaded)]
-        count = samples[0].count
-    else:
-        count = (loaded.scene.packing or Packing()).particles
-        samples = []
+    packing = loaded.scene.packing or Packing()
+    given = None if section.packing_file is None else _from_file(loaded)
+    count = packing.particles if given is None else given.count
     _refuse_too_many(loaded, count, len(stress))
-    chosen = {"secant": section.tangent == "secant", "lost_pressure": section.lost_pressure}
-    if samples:
-        law = GrainsLaw(samples, pace, **chosen)
-        return law, _rows(loaded, law, samples * len(stress), stress)
-    seed = (loaded.scene.packing or Packing()).seed
-    store = PackingStore(count, options_of(loaded, float(-0.5 * stress[:, :2].sum(axis=1).mean())))
-    packings = min(section.packings, len(stress))
+    source: PackingStore | OnePacking
+    if given is None:
+        source = store = PackingStore(count, options_of(loaded, float(-0.5 * stress[:, :2].sum(axis=1).mean())))
+        packings, place = min(section.packings, len(stress)), store.folder
+    else:
+        source, packings, place = OnePacking(given), 1, None
+    samples: list[Sample] = []
     # points of the same packing and the same stress share one that is loaded once
     keys = [(point % packings, *row) for point, row in enumerate(stress.tolist())]
     wanted = list(dict.fromkeys(keys))
@@ -118,19 +115,19 @@ def grains_law(
             for number in range(packings):
                 go_on(number, f"packing {number + 1} of {packings}")
                 samples.append(
-                    store.at_rest(seed + number, lambda text, part, at=number: go_on(at + part, text))  # type: ignore[misc]
+                    source.at_rest(packing.seed + number, lambda text, part, at=number: go_on(at + part, text))  # type: ignore[misc]
                 )
             for done, key in enumerate(wanted):
                 go_on(packings + done, f"initial stress {done + 1} of {len(wanted)}")
-                found[key] = store.under(seed + key[0], np.array(key[1:]))
+                found[key] = source.under(packing.seed + key[0], np.array(key[1:]))
         except (PackingError, ProbeError, CellTooSmallError, SampleError) as error:
             raise loaded.error(["packing"], f"packing: {error}") from error
         except NotCarriedError as error:
             carried = ", ".join(f"{value:.6g}" for value in key[1:])
             raise loaded.error(["initial"], f"initial.stress = [{carried}] Pa: {error}") from error
-    if store.made:
-        screen.say(f"{store.made} packings of {count} disks made or loaded, and kept in {store.folder}")
-    law = GrainsLaw(samples, pace, **chosen)
+    if source.made:
+        screen.say(f"{source.made} packings of {count} disks made or loaded, and kept in {place}")
+    law = GrainsLaw(samples, pace, secant=section.tangent == "secant", lost_pressure=section.lost_pressure)
     return law, _rows(loaded, law, [found[key] for key in keys], stress)
 
 
@@ -144,7 +141,10 @@ def _rows(loaded: LoadedScene, law: GrainsLaw, samples: list[Sample], stress: Ar
 def _from_file(loaded: LoadedScene) -> Sample:
     path = loaded.file.parent / Path(loaded.scene.law.packing_file).expanduser()
     try:
-        return at_rest(load_sample(path))
+        sample = load_sample(path)
+        if sample.count > packing_columns.MOST_DISKS:
+            raise SampleError(f"{sample.count} disks at a point are more than {packing_columns.MOST_DISKS}")
+        return at_rest(sample)
     except (SampleError, ProbeError) as error:
         raise loaded.error(["law", "packing_file"], f"law.packing_file: {error}") from error
 

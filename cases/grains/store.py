@@ -107,6 +107,29 @@ class PackingStore:
         return sample
 
 
+class OnePacking:
+    """A packing from elsewhere in the place of a store: every seed is this one, and nothing is kept.
+
+    Parameters
+    ----------
+    sample : Sample
+        At rest.
+    """
+
+    made = 0
+
+    def __init__(self, sample: Sample) -> None:
+        self._sample = sample
+
+    def at_rest(self, seed: int, report: Callable[[str, float], None] | None = None) -> Sample:
+        """The packing; see `PackingStore.at_rest`."""
+        return self._sample
+
+    def under(self, seed: int, stress: Array) -> Sample:
+        """The packing under a stress; see `PackingStore.under`."""
+        return self._sample if PackingStore.carries(self._sample, stress) else loaded(self._sample, stress)
+
+
 def loaded(sample: Sample, stress: Array) -> Sample:
     """A copy of a packing brought to another stress and to rest.
 

@@ -14,6 +14,7 @@ from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.scene.toml_text import to_toml
 from granfabric.constitutive.contract import Law, LawDescription
 from granfabric.constitutive.effective_stress import effective_stress
+from granfabric.dem_ref.measures.contacts import love_weber_stress
 from granfabric.dem_ref.sample.disks import save_sample
 from granfabric.fem.equilibrium.results import FailedPoint
 
@@ -75,7 +76,7 @@ def failed_grains(point: FailedPoint, law: GrainsLaw, scene: dict[str, Any]) -> 
     return {
         **_heading(point, scene),
         "law": {**own, "packing_file": files.FAILED_PACKING, "lost_pressure": law.lost_pressure(point.state_start)},
-        "initial": {"stress": point.stress_start.tolist()},
+        "initial": {"stress": love_weber_stress(law.packing(point.state_start)).tolist()},
         "path": _increment(point),
     }
 

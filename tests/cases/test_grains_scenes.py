@@ -23,7 +23,7 @@ from granfabric.cases.scene.schema_law_kind import remarks
 from granfabric.cases.terminal.screen import Screen
 from granfabric.dem_ref.dynamics.packing import PackingOptions
 from granfabric.dem_ref.measures.contacts import love_weber_stress, unbalanced_force
-from granfabric.dem_ref.sample.disks import load_sample
+from granfabric.dem_ref.sample.disks import load_sample, save_sample
 
 FIELD = """
 [law]
@@ -177,6 +177,17 @@ def test_initial_stress_may_vary_from_point_to_point(tmp_path):
     assert np.ptp(stress[:, 0]) > 1e3
 
 
+def test_packing_of_ones_own_is_loaded_to_the_initial_stress(tmp_path, own_store):
+    save_sample(tmp_path / "own.npz", PackingStore(50, PackingOptions(), own_store).at_rest(3))
+    head, tail = POINT.split("[packing]")[0], POINT.split("particles = 50")[1]
+    text = f'{head}packing_file = "own.npz"{tail}'
+    record = run_point(scene(tmp_path, text, "initial.stress=[-90e3, -110e3, 5e3]"), tmp_path / "out", quiet())
+    assert record.outcome == "finished"
+    assert record.scene["law"]["packing_file"] == str(tmp_path / "own.npz")
+    with pytest.raises(InputError, match=r"law.packing_file: .*none.npz: no such file"):
+        run_point(scene(tmp_path, text, "law.packing_file=none.npz"), tmp_path / "other", quiet())
+
+
 def test_fields_are_written_without_the_packings(tmp_path):
     record = run_field(scene(tmp_path, FIELD), tmp_path / "out", quiet())
     assert record.outcome == "finished" and record.details["counters"]["cuts"] == 0
@@ -220,7 +231,7 @@ def test_failed_point_replays_alone_from_its_packing(tmp_path):
     assert record.outcome == "failed" and "failed_point.toml holds it" in record.message
     packing = load_sample(out / "failed_point.npz")
     alone = load(str(out / "failed_point.toml"))
-    np.testing.assert_allclose(love_weber_stress(packing), alone.scene.initial.stress, atol=100.0)
+    np.testing.assert_allclose(love_weber_stress(packing), alone.scene.initial.stress, rtol=1e-9)
     replayed = run_point(alone, tmp_path / "replayed", quiet())
     assert replayed.outcome == "failed"
     reason = replayed.message.split(": ", 1)[1]
