@@ -107,6 +107,7 @@ def table(law: Ended, grains: Ended) -> list[list[Any]]:
         if abs(start) > 1e-6 * max(abs(run.history[other][0]) for run in (law,) for other in run.history
                                    if other.startswith("reaction_")):  # fmt: skip
             rows.append(_row(f"{name}, increment over initial", *(value / start for value in values)))
+    rows.append(_row("initial z", *(run.history["coordination"][0] for run in (law, grains))))
     for run_column, text in (("coordination", "mean change of z"), ("stress_ratio_largest", "largest q/p")):
         values = [run.history[run_column][run.row] for run in (law, grains)]
         if run_column == "coordination":

@@ -16,13 +16,21 @@ from granfabric.cases.commands.point import run_point
 from granfabric.cases.commands.run import run_field
 from granfabric.cases.errors import InputError, RunError
 from granfabric.cases.grains.law import GrainsLaw
+from granfabric.cases.grains.point_path import drive_point
 from granfabric.cases.grains.store import PackingStore
 from granfabric.cases.records import files
 from granfabric.cases.scene.reader import load
 from granfabric.cases.scene.schema_law_kind import remarks
 from granfabric.cases.terminal.screen import Screen
+from granfabric.constitutive.path import Leg
 from granfabric.dem_ref.dynamics.packing import PackingOptions
-from granfabric.dem_ref.measures.contacts import love_weber_stress, unbalanced_force
+from granfabric.dem_ref.measures.contacts import (
+    contacts_of,
+    coordination_number,
+    fabric_anisotropy,
+    love_weber_stress,
+    unbalanced_force,
+)
 from granfabric.dem_ref.sample.disks import load_sample, save_sample
 
 FIELD = """
@@ -147,6 +155,19 @@ def test_packings_are_made_once_and_damaged_files_anew(tmp_path):
     assert np.array_equal(again.at_rest(1).position, first.position) and again.made == 1
     assert again.file(2, None) != file != PackingStore(50, PackingOptions(friction=0.4), tmp_path).file(1, None)
     assert PackingStore(50, options, Path("/proc/nowhere")).at_rest(1).count == 50  # keeps nothing, but works
+
+
+def test_servo_and_point_path_lead_a_packing_to_the_same_state(own_store):
+    """Two drivers that share no code: the DEM's servo, and strain increments at rest corrected by Broyden's method."""
+    store, target = PackingStore(100, PackingOptions(), own_store), (-0.9e5, -1.1e5, 0.0)
+    base, loaded = store.at_rest(1), store.under(1, np.array(target))
+    law, stress = GrainsLaw([base]), love_weber_stress(base)
+    history = drive_point(law, stress, [Leg(target=target, increments=10)], law.initial_state(stress[None]))
+    assert history.finished
+    contacts = contacts_of(loaded)
+    z, fabric = coordination_number(loaded, contacts).all_particles, fabric_anisotropy(contacts)
+    assert history.columns["coordination"][-1] == pytest.approx(z, abs=2.0 / 100.0 + 1e-12)
+    np.testing.assert_allclose(history.state[0, law.description.columns("fabric_anisotropy")], fabric, atol=5e-3)
 
 
 def test_stress_that_no_packing_carries_is_refused(tmp_path):

@@ -31,6 +31,7 @@ def test_law_and_grains_are_compared_at_the_end(tmp_path):
         assert float(reaction[key]) == pytest.approx((end - start) / start, rel=1e-12)
         assert float(table["mean change of z"][key]) < 0.0
         assert float(table["change of a_c along x at points"][key]) < 0.0  # compressed along y
+    assert float(table["initial z"]["law"]) == pytest.approx(3.896, abs=1e-3)
     assert 0.05 < float(reaction["grains"]) < float(reaction["law"]) * 1.5
     assert np.isfinite(float(table["q/p at points"]["rms"]))
     assert np.asarray(Image.open(tmp_path / "scene_comparison.png")).std() > 5.0
