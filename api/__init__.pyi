@@ -33,6 +33,8 @@ from .fem.equilibrium.control import StepControl as StepControl
 from .fem.equilibrium.results import RunSummary as RunSummary
 from .fem.equilibrium.results import StepResult as StepResult
 from .fem.equilibrium.stepping import solve as solve
+from .fem.loads.amplitude import Amplitude as Amplitude
+from .fem.loads.control import LoadControl as LoadControl
 from .fem.loads.geostatic import geostatic_stress as geostatic_stress
 from .fem.loads.kinds import BodyForce as BodyForce
 from .fem.loads.kinds import Displacement as Displacement
@@ -40,6 +42,8 @@ from .fem.loads.kinds import Fixed as Fixed
 from .fem.loads.kinds import FixedPoint as FixedPoint
 from .fem.loads.kinds import LoadError as LoadError
 from .fem.loads.kinds import Pressure as Pressure
+from .fem.loads.kinds import RigidBody as RigidBody
+from .fem.loads.kinds import Spring as Spring
 from .fem.loads.kinds import Stage as Stage
 from .fem.loads.kinds import Traction as Traction
 from .fem.loads.problem import Problem as Problem

@@ -14,12 +14,14 @@ from granfabric.fem.equilibrium.checkpoint import CheckpointFolder
 from granfabric.fem.equilibrium.control import StepControl
 from granfabric.fem.equilibrium.results import RunSummary, StepResult
 from granfabric.fem.equilibrium.stepping import solve
-from granfabric.fem.loads.kinds import Displacement, Fixed
+from granfabric.fem.loads.kinds import Displacement, Fixed, RigidBody
 from granfabric.fem.loads.problem import Problem
 
 from .results import Results, read_results
 
 __all__ = ["solve_to_folder"]
+
+SUPPORTS = (Fixed, Displacement, RigidBody)
 
 
 def solve_to_folder(
@@ -98,8 +100,8 @@ def _solve(
     """How the run ended, and whether it was stopped on request."""
     loads = [load for stage in problem.stages for load in stage.loads]
     boundaries = list(dict.fromkeys(load.boundary for load in loads if hasattr(load, "boundary")))
-    supported = list(dict.fromkeys(load.boundary for load in loads if isinstance(load, (Fixed, Displacement))))
-    history = FieldHistory(problem.space, problem.law.description, boundaries, supported)
+    supported = list(dict.fromkeys(load.boundary for load in loads if isinstance(load, SUPPORTS)))
+    history = FieldHistory(problem.space, problem.law.description, boundaries, supported, problem.program)
     checkpoints = CheckpointFolder(record.folder, record.name)
     recorder = FieldRecorder(record.folder, problem, history, every, lambda completed, text: None, checkpoints)
     requested = False

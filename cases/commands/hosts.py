@@ -82,6 +82,8 @@ def check(team: Team | None, loaded: Any, problem: Any) -> None:
     if is_grains(loaded.scene):
         raise loaded.error(["law", "kind"], "law.kind = 'grains' runs on the own host only; leave out --host")
     from granfabric.fem.fenicsx.distribution import DistributionError, check_space
+    from granfabric.fem.fenicsx.local_problem import refuse_unknown_loads
+    from granfabric.fem.loads.checks import LoadError
 
     solver = loaded.scene.solver.linear_solver
     if solver != "auto":
@@ -101,6 +103,10 @@ def check(team: Team | None, loaded: Any, problem: Any) -> None:
         check_space(problem.space)
     except DistributionError as error:
         raise loaded.error(["mesh"], f"mesh: {error}; run with --host own") from error
+    try:
+        refuse_unknown_loads(problem)
+    except LoadError as error:
+        raise loaded.error(["stage"], f"{error}; run with --host own") from error
 
 
 def as_data(team: Team | None) -> dict[str, Any]:

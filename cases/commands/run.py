@@ -168,7 +168,9 @@ def run_field(
             record.phase("run", watch),
         ):
             advance = grains_run.watched(problem.law, advance, stop)
-            history = FieldHistory(problem.space, problem.law.description, prepared.boundaries, prepared.supported)
+            history = FieldHistory(
+                problem.space, problem.law.description, prepared.boundaries, prepared.supported, problem.program
+            )
             record.details["columns"] = units(history.names)
             try:
                 recorder = FieldRecorder(
@@ -297,6 +299,8 @@ def _finish(
         record.message += _failed_place(record, summary, description) + balance.reminder(summary.stage)
     record.details["counters"] = dict(summary.counters)
     record.details["linear_solver"] = summary.solver
+    if summary.band_fraction > 0.0:
+        record.details["band_fraction"] = summary.band_fraction
     record.details["reached"] = {"stage": summary.stage, "fraction": summary.fraction}
     record.timing.update(summary.seconds)
 
@@ -344,6 +348,12 @@ def _report(history: FieldHistory, summary: RunSummary, record: Record, screen: 
         f"{size['degrees_of_freedom']} degrees of freedom, {size['integration_points']} integration points; "
         f"{len(history.rows) - 1} steps, {summary.counters.get('factorisations', 0)} factorisations ({summary.solver})"
     )
+    if summary.band_fraction > 0.0:
+        screen.say(
+            f"shear bands may form at the end of the run on {100 * summary.band_fraction:.2g} % of the area, where the "
+            "acoustic tensor of the tangent is not positive: equilibrium need not be unique, and load and pattern "
+            "depend on the mesh"
+        )
     limited = [int(count) for count in columns["limited_points"]]
     if any(limited):
         first = next(row for row, count in enumerate(limited) if count)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from granfabric.cases.field.prepare import stages
+from granfabric.cases.field.stage_loads import stages
 from granfabric.cases.scene import build
 from granfabric.cases.scene.effects_choice import resolve_effects
 from granfabric.cases.scene.reader import load

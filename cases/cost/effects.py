@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from granfabric.cases.effects.compare import Outcome, distance, run_field
-from granfabric.cases.field.prepare import Prepared, prepare, stages
+from granfabric.cases.field.prepare import Prepared, prepare
+from granfabric.cases.field.stage_loads import stages
 from granfabric.cases.pictures.style import BLUE, ORANGE, picture
 from granfabric.cases.scene.effects_choice import EffectSet, all_names, everything
 from granfabric.cases.scene.reader import LoadedScene, load

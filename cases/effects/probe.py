@@ -133,6 +133,17 @@ def index_of(problem: Problem) -> NDArray[np.int32]:
     return problem.material_index
 
 
+MOST_CORNERS = 40
+"""Turns of a stage's loads that its path goes through; later cycles repeat them."""
+
+
+def _places(corners: tuple[float, ...], pieces: int) -> list[float]:
+    """Fractions of a stage that the path goes through: equal pieces, or from turn to turn of the loads."""
+    if len(corners) == 1:
+        return [piece / pieces for piece in range(1, pieces + 1)]
+    return [*corners[: MOST_CORNERS - 1], corners[-1]] if len(corners) > MOST_CORNERS else list(corners)
+
+
 def field_paths(problem: Problem, control: StepControl) -> Paths:
     """Paths of all integration points of a boundary-value problem under the stiffness of its initial state.
 
@@ -151,19 +162,23 @@ def field_paths(problem: Problem, control: StepControl) -> Paths:
         strains = [np.zeros_like(stresses[0])]
         fluid, drained = _fluid_stiffness(problem)[::stride], [False]
         for stage in problem.stages:
+            way = solution.next_stage()
+            places = _places(way.corners, min(most, stage.increments))
             # where stages change the body: points that are not there do not change
-            change = system.of_space(solution.next_stage().strain)[::stride]
-            response = np.einsum("pij,pj->pi", system.of_space(system.material.tangent_start)[::stride], change)
+            changes = [system.of_space(way.strain_at(place))[::stride] for place in places]
+            stiffness = system.of_space(system.material.tangent_start)[::stride]
+            responses = [np.einsum("pij,pj->pi", stiffness, change) for change in changes]
             if not stage.drained:
-                response = with_pressure(response, -fluid * (change[:, 0] + change[:, 1]))
-            pieces = min(most, stage.increments)
+                responses = [
+                    with_pressure(response, -fluid * (change[:, 0] + change[:, 1]))
+                    for response, change in zip(responses, changes)
+                ]
             before, stress = strains[-1], stresses[-1]
-            if not np.abs(response).max() > 1e-9 * np.abs(problem.initial_stress).max():
+            if not max(np.abs(one).max() for one in responses) > 1e-9 * np.abs(problem.initial_stress).max():
                 continue  # a stage that only holds what is there
-            for piece in range(1, pieces + 1):
-                drained.append(stage.drained)
-                strains.append(before + piece / pieces * change)
-                stresses.append(stress + piece / pieces * response)
+            drained += [stage.drained] * len(changes)
+            strains += [before + change for change in changes]
+            stresses += [stress + response for response in responses]
     except LinearSolutionError as error:
         raise ProbeError(str(error)) from error
     weights = problem.space.weights[::stride]

@@ -56,7 +56,10 @@ def _shown(name: str | None) -> str:
 
 
 def _acts(load: Any) -> bool:
-    return bool(np.any(load.value) or np.any(getattr(load, "gradient", 0.0)))
+    values = load.value if isinstance(load.value, list) else [load.value]
+    return any(isinstance(value, str) or value != 0.0 for value in values) or bool(
+        np.any(getattr(load, "gradient", 0.0))
+    )
 
 
 def _shared(mesh: HostMesh, kind: str, one: str | None, other: str | None) -> tuple[float, str]:

@@ -12,7 +12,7 @@ from granfabric.cases.errors import unknown
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.fem.mesh.host_mesh import HostMesh
 
-BOUNDARY_LOADS = ("fixed", "displacement", "pressure", "traction", "closed_form")
+BOUNDARY_LOADS = ("fixed", "displacement", "pressure", "traction", "closed_form", "rigid", "spring")
 
 
 def _named(scene: Any) -> Iterator[tuple[list[Any], str, str]]:
@@ -61,7 +61,7 @@ def check_groups(loaded: LoadedScene, mesh: HostMesh) -> None:
 def named_boundaries(scene: Any) -> tuple[list[str], list[str]]:
     """Boundaries that carry loads or supports, and those of them that are supported, in order of appearance."""
     named = [(keys[2], name) for keys, what, name in _named(scene) if what == "boundary"]
-    supported = [name for kind, name in named if kind in ("fixed", "displacement")]
+    supported = [name for kind, name in named if kind in ("fixed", "displacement", "rigid")]
     return list(dict.fromkeys(name for _, name in named)), list(dict.fromkeys(supported))
 
 

@@ -20,6 +20,8 @@ from granfabric.fem.loads.supports import free_motions
 from granfabric.fem.vectors import Array
 
 from .adding_loads import adding
+from .snapped import snapped
+from .stage_loads import place_function
 
 WARNED = 1e-2
 """Fraction of the nodal forces out of balance from which a run warns."""
@@ -148,7 +150,7 @@ def announce(balance: Balance, loaded: LoadedScene, problem: Problem, record: Re
     record.details["initial_imbalance"] = balance.as_data()
     screen.say(balance.text())
     slips = (*unheld(loaded, problem), *unchanged(loaded, problem), *soft(loaded, problem), *pulling(loaded, problem))
-    for text in (*slips, *adding(loaded, problem.space.host_mesh)):
+    for text in (*slips, *adding(loaded, problem.space.host_mesh), *snapped(loaded, problem)):
         screen.say(text)
 
 
@@ -194,7 +196,10 @@ def unchanged(loaded: LoadedScene, problem: Problem) -> list[str]:
         of_body = body is not None and (body.changes or body.released != body.released_before)
         return of_body or stage.reset_displacements or not stage.keep
 
-    kinds = ("fixed", "fixed_point", "displacement", "pressure", "traction", "body_force", "closed_form")
+    kinds = (
+        *("fixed", "fixed_point", "displacement", "pressure", "traction", "body_force", "closed_form"),
+        *("rigid", "spring"),
+    )
     return [
         f"warning: {loaded.label(['stage', place])}: the stage has no loads: nothing changes in it (it may have "
         f"{', '.join(kinds)})"
@@ -231,7 +236,7 @@ def pulling(loaded: LoadedScene, problem: Problem) -> list[str]:
     for place, stage in enumerate(stages):
         for number, load in enumerate(stage.pressure):
             x, y = problem.space.nodes[problem.space.boundary_nodes(load.boundary)].T
-            values = load.value + load.gradient[0] * x + load.gradient[1] * y
+            values = _finite_values(place_function(load.value, load.gradient), x, y)
             if _is_below(values.min(initial=0.0), np.abs(values).max(initial=0.0)):
                 where = loaded.label(["stage", place, "pressure", number])
                 said.append(
@@ -239,8 +244,9 @@ def pulling(loaded: LoadedScene, problem: Problem) -> list[str]:
                     "pressure is compression positive"
                 )
         for number, load in enumerate(stage.traction):
-            outward = _outward(space_at(problem.space, problem.program.terms[place].body), load.boundary, load.value)
-            if load.boundary not in pressed and _is_below(-outward, float(np.hypot(*load.value))):
+            here = space_at(problem.space, problem.program.terms[place].body)
+            outward, size = _outward(here, load.boundary, load.value)
+            if load.boundary not in pressed and _is_below(-outward, size):
                 where = loaded.label(["stage", place, "traction", number])
                 said.append(f"warning: {where}: the traction on {load.boundary!r} is tensile, {outward:.4g} Pa")
     return said
@@ -251,13 +257,22 @@ def _is_below(value: float, size: float) -> bool:
     return value < -1e-9 * size
 
 
-def _outward(space: Space, boundary: str, value: list[float]) -> float:
-    """Largest component of a traction along the outward normal of a boundary [Pa]."""
-    found = [-math.inf]
+def _finite_values(value: Any, x: Array, y: Array) -> Array:
+    """A number or a function of place at places, shape (n,), those that are finite."""
+    values = np.broadcast_to(value(x, y) if callable(value) else value, x.shape)
+    return np.asarray(values[np.isfinite(values)])
+
+
+def _outward(space: Space, boundary: str, value: list[float | str]) -> tuple[float, float]:
+    """Largest component of a traction along the outward normal of a boundary, and its largest magnitude [Pa]."""
+    along, size = [-math.inf], [0.0]
+    parts = [place_function(part, [0.0, 0.0]) for part in value]
 
     def seen(x: Array, y: Array, nx: Array, ny: Array) -> Array:
-        found.append(float((value[0] * nx + value[1] * ny).max()))
+        tx, ty = (np.broadcast_to(part(x, y) if callable(part) else part, x.shape) for part in parts)
+        along.append(float((tx * nx + ty * ny).max()))
+        size.append(float(np.hypot(tx, ty).max()))
         return np.zeros((len(x), 2))
 
     space.traction_vector(boundary, seen)
-    return max(found)
+    return max(along), max(size)

@@ -18,66 +18,21 @@ from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, L
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.control import ControlError, StepControl
 from granfabric.fem.linear_solvers.direct import LinearSolverError, make_solver
-from granfabric.fem.loads.kinds import BodyForce, Displacement, Fixed, FixedPoint, LoadError, Pressure, Stage, Traction
+from granfabric.fem.loads.checks import LoadError
 from granfabric.fem.loads.problem import Problem
 from granfabric.fem.mesh.host_mesh import HostMesh, MeshError, read_mesh, rectangle
 from granfabric.fem.mesh.shapes import plate_with_hole, quarter_ring
 
-from . import closed_forms, initial_state, memory
+from . import initial_state, memory
 from .groups import check_groups, material_index, named_boundaries
 from .probes import probe_places
-
-
-def _linear(value: float, gradient: list[float]) -> Any:
-    """A number, or a function of place that rises from it at the origin."""
-    if not any(gradient):
-        return value
-    return lambda x, y: value + gradient[0] * x + gradient[1] * y
-
+from .stage_loads import stages
 
 POINTS = {"P1": 1, "P2": 3, "Q1": 4, "Q2": 9}
 """Integration points of an element."""
 STAND_IN = LinearElasticLaw(ElasticMaterial(1.0, 0.0))
 BYTES_PER_POINT = 600
 """Stress, strain, state and tangent of a point at the start and the end of a step; the matrix comes on top."""
-
-
-def stages(scene: Any) -> list[Stage]:
-    """Stages of a field scene with their loads."""
-    made: list[Stage] = []
-    for part in scene.stage:
-        loads: list[Any] = [Fixed(load.boundary, tuple(load.components)) for load in part.fixed]
-        loads += [FixedPoint((load.point[0], load.point[1]), tuple(load.components)) for load in part.fixed_point]
-        loads += [
-            Displacement(load.boundary, load.component, _linear(load.value, load.gradient))
-            for load in part.displacement
-        ]
-        loads += [Pressure(load.boundary, _linear(load.value, load.gradient)) for load in part.pressure]
-        loads += [Traction(load.boundary, (load.value[0], load.value[1])) for load in part.traction]
-        loads += [
-            Traction(
-                load.boundary, closed_forms.traction(scene.closed_form, load.factor), "traction of the closed form"
-            )
-            for load in part.closed_form
-        ]
-        loads += [BodyForce((load.value[0], load.value[1]), load.region) for load in part.body_force]
-        # an estimate is no place to count displacements from: the first stage has brought it into equilibrium
-        settled = len(made) == 1 and getattr(scene.initial, "from") == "gravity"
-        made.append(
-            Stage(
-                part.name,
-                loads,
-                part.increments,
-                part.keep,
-                part.drained,
-                deactivate=part.deactivate,
-                activate=part.activate,
-                release=part.release,
-                fill_pressure=part.fill_pressure,
-                reset_displacements=part.reset_displacements or settled,
-            )
-        )
-    return made
 
 
 def read_or_make_mesh(loaded: LoadedScene) -> HostMesh:
@@ -101,7 +56,10 @@ def read_or_make_mesh(loaded: LoadedScene) -> HostMesh:
         if part.name in made.boundaries:
             raise loaded.error(keys, f"{loaded.label(keys)}: the mesh has a boundary {part.name!r} already")
         try:
-            made.boundaries[part.name] = made.facets_between(part.boundary, part.x, part.y)
+            if part.snap:
+                made.boundaries[part.name] = made.facets_near(part.boundary, part.x, part.y)[0]
+            else:
+                made.boundaries[part.name] = made.facets_between(part.boundary, part.x, part.y)
         except MeshError as error:
             raise loaded.error(keys, f"{loaded.label(keys)}: {error}") from error
     return made
@@ -171,8 +129,8 @@ def prepare(loaded: LoadedScene) -> Prepared:
     except MeshError as error:
         raise loaded.error(["mesh"], f"mesh: {error}") from error
     point_index = None if index is None else index[space.point_cell]
-    program = stages(scene)
     try:
+        program = stages(scene)
         wet = isinstance(law, ContactLaw) and law.effects.pore_fluid
         stress, state = initial_state.stress(loaded, space, program, wet), None
         if isinstance(law, ContactLaw):

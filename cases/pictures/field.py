@@ -127,11 +127,26 @@ UNITS = {
     "q": (1e-3, "kPa"),
     "strain": (1e6, "$10^{-6}$"),
 }
+UNITS_OF_A_BODY = {
+    "displacement_x": UNITS["displacement"],
+    "displacement_y": UNITS["displacement"],
+    "rotation": (1e6, "$10^{-6}$ rad"),
+    "force_x": (1e-3, "kN/m"),
+    "force_y": (1e-3, "kN/m"),
+    "moment": (1e-3, "kN m/m"),
+}
+"""Columns of a rigid body, `rigid_NAME_...`."""
 
 
 def _named(name: str, values: Array) -> tuple[Array, str]:
     """A column of the history in handy units, mostly positive, with its label."""
     head, _, rest = name.partition("_")
+    if head == "rigid":
+        what = next(what for what in UNITS_OF_A_BODY if rest.endswith(f"_{what}"))
+        factor, unit = UNITS_OF_A_BODY[what]
+        sign = -1.0 if values[np.argmax(np.abs(values))] < 0 else 1.0
+        words = f"{what.replace('_', ' ')} of {rest.removesuffix(f'_{what}')}"
+        return sign * factor * values, f"{'minus ' if sign < 0 else ''}{words} [{unit}]"
     # a ratio of stresses has no unit
     factor, unit = UNITS.get(head if not rest.startswith("ratio") else name, (1.0, "-"))
     sign = -1.0 if values[np.argmax(np.abs(values))] < 0 else 1.0

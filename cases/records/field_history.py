@@ -12,9 +12,11 @@ from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.fem.discretisation.active_part import nodes_of
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
+from granfabric.fem.loads.load_program import LoadProgram
 from granfabric.fem.output.derived import pressure_and_deviator as invariants
 
 from . import pore_columns
+from .body_columns import BodyColumns
 from .reaction_columns import ReactionColumns
 from .region_columns import RegionColumns
 
@@ -51,13 +53,23 @@ class FieldHistory:
         That carry loads or supports.
     supported : list of str
         Those of them that are supported.
+    program : LoadProgram, optional
+        Of it the rigid bodies, springs and controls, which have columns of their own.
     """
 
-    def __init__(self, space: Space, description: LawDescription, boundaries: list[str], supported: list[str]) -> None:
+    def __init__(
+        self,
+        space: Space,
+        description: LawDescription,
+        boundaries: list[str],
+        supported: list[str],
+        program: LoadProgram | None = None,
+    ) -> None:
         self._space = space
         self._weights = space.weights / space.weights.sum()
         self._description = description
         self._has_network = description.has_state("coordination") and description.has_state("fabric_anisotropy")
+        self._bodies = BodyColumns(program)
         self._nodes = {name: space.boundary_nodes(name) for name in boundaries}
         self._area = space.weights
         self._resultants = ReactionColumns(space, supported)
@@ -72,6 +84,7 @@ class FieldHistory:
             *(f"reaction_{name}_{axis}" for name in supported for axis in "xy"),
             *self._resultants.names,
             *self._regions.names,
+            *self._bodies.names,
         ]
         self._supported = supported
         self.rows: list[list[Any]] = []
@@ -109,6 +122,7 @@ class FieldHistory:
         sides += self._resultants.values(step)
         area = self._area if step.active is None else self._area * step.active[self._space.point_cell]
         sides += self._regions.values(step.strain, step.stress, step.state, area)
+        sides += self._bodies.values(step)
         self.rows.append([step.step, step.stage, float(step.fraction), *averages, *map(int, counts), *sides])
 
     def _averages(self, weights: Array, strain: Array, stress: Array, state: Array) -> list[float]:

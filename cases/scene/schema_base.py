@@ -17,7 +17,7 @@ Increments = Annotated[int, Field(ge=1, le=10_000_000)]
 Text = Annotated[str, Field(max_length=20_000)]
 
 
-UNIT = re.compile(r"\[(-|degrees|m|Pa|Pa/m|N/m3|s|Pa or -)\]")
+UNIT = re.compile(r"\[(-|degrees|m|Pa|Pa/m|N/m3|N/m|N m/m|rad|s|Pa or -)\]")
 """A unit within the description of a key, where it is written once; every key that takes a real number has one."""
 
 

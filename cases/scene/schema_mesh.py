@@ -64,6 +64,7 @@ class BoundaryPart(Section):
     boundary: str = Field(description="boundary that it is a part of")
     x: Pair | None = Field(default=None, description="from, to [m]")
     y: Pair | None = Field(default=None, description="from, to [m]")
+    snap: bool = Field(default=False, description="move the ends to the nearest nodes, and say by how much")
 
 
 SHAPES = ("rectangle", "ring", "plate_with_hole")

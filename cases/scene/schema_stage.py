@@ -8,13 +8,24 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from .schema_amplitude import (
+    AMPLITUDE,
+    CYCLES,
+    OWN_AMPLITUDE,
+    AmplitudeValue,
+    CycleCount,
+    Value,
+    ValuePair,
+    check_cycles,
+    check_gradient,
+)
 from .schema_base import Increments, Line, Pair, Section
+from .schema_bodies import Boundary, ControlSection, RigidLoad, SpringLoad
 from .schema_body import ChangingBody
 from .schema_closed_form import ClosedFormLoad
 
 Component = Literal["x", "y"]
 Components = Annotated[list[Component], Field(min_length=1, max_length=2, description="directions that are held")]
-Boundary = Annotated[str, Field(description="physical curve of the mesh, or the name of a part of one")]
 
 
 DRAINED = "pore fluid can leave: its pressure stays as it is, the skeleton carries every change"
@@ -39,34 +50,56 @@ class DisplacementLoad(Section):
 
     boundary: Boundary
     component: Component = Field(description="direction of the displacement")
-    value: float = Field(description="[m], from the unloaded shape; with a gradient, at the origin")
+    value: Value = Field(
+        description="[m], from the unloaded shape: a number (with a gradient, at the origin) or an expression"
+    )
     gradient: Pair = Field(default=[0.0, 0.0], description="rise of the value along x and y [-]")
+    amplitude: AmplitudeValue = Field(default=None, description=OWN_AMPLITUDE)
+    cycles: CycleCount = Field(default=None, description=CYCLES)
+
+    _cycles = model_validator(mode="after")(check_cycles)
+    _gradient = model_validator(mode="after")(check_gradient)
 
 
 class PressureLoad(Section):
     """Pressure on a boundary, compression positive, at the end of the stage."""
 
     boundary: Boundary
-    value: float = Field(description="[Pa]; with a gradient, at the origin")
+    value: Value = Field(description="[Pa]: a number (with a gradient, at the origin) or an expression")
     gradient: Pair = Field(default=[0.0, 0.0], description="rise of the pressure along x and y [Pa/m]")
+    amplitude: AmplitudeValue = Field(default=None, description=OWN_AMPLITUDE)
+    cycles: CycleCount = Field(default=None, description=CYCLES)
+
+    _cycles = model_validator(mode="after")(check_cycles)
+    _gradient = model_validator(mode="after")(check_gradient)
 
 
 class TractionLoad(Section):
     """Force per area on a boundary, at the end of the stage."""
 
     boundary: Boundary
-    value: Pair = Field(description="x, y [Pa]")
+    value: ValuePair = Field(description="x, y [Pa], numbers or expressions")
+    amplitude: AmplitudeValue = Field(default=None, description=OWN_AMPLITUDE)
+    cycles: CycleCount = Field(default=None, description=CYCLES)
+
+    _cycles = model_validator(mode="after")(check_cycles)
 
 
 class BodyForceLoad(Section):
     """Force per volume, at the end of the stage."""
 
-    value: Pair = Field(description="x, y [N/m3]")
+    value: ValuePair = Field(description="x, y [N/m3], numbers or expressions")
     region: str | None = Field(default=None, description="physical surface that carries it; everything if not given")
+    amplitude: AmplitudeValue = Field(default=None, description=OWN_AMPLITUDE)
+    cycles: CycleCount = Field(default=None, description=CYCLES)
+
+    _cycles = model_validator(mode="after")(check_cycles)
 
 
 class StageSection(ChangingBody):
-    """One stage of loading: all loads go linearly from their values at the end of the stage before to these.
+    """One stage of loading: all loads go from their values at the end of the stage before to these.
+
+    They go linearly, or as `amplitude` says.
 
     A first stage named "initial" holds its loads from the outset, in balance with the initial stress. What they do not
     balance, which the run says before its first step, fades out over the first stage; of a first stage with another
@@ -86,6 +119,13 @@ class StageSection(ChangingBody):
     closed_form: list[ClosedFormLoad] = Field(
         default=[], description="boundaries under the traction of the scene's closed form, beside other loads"
     )
+    rigid: list[RigidLoad] = Field(default=[], description="boundaries tied to rigid bodies")
+    spring: list[SpringLoad] = Field(default=[], description="boundaries on springs")
+    amplitude: AmplitudeValue = Field(default="ramp", description=f"of loads without one of their own: {AMPLITUDE}")
+    cycles: CycleCount = Field(default=None, description=CYCLES)
+    control: ControlSection | None = Field(default=None, description="displacement that leads the loads of the stage")
+
+    _cycles = model_validator(mode="after")(check_cycles)
 
 
 class Solver(Section):

@@ -8,16 +8,19 @@ this file and nowhere else. Point number = element * points per cell + quadratur
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import skfem
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 from skfem.generic_utils import OrientedBoundary
 
 from granfabric.constitutive.arrays import ANY, read
 from granfabric.fem.mesh.host_mesh import HostMesh, MeshError
 
 Array = NDArray[np.float64]
+_Sides = tuple[Any, Array, Array, Array]
 
 # Element, cell, and the polynomial degree integrated exactly by default: enough for the stiffness of undistorted
 # elements (1, 3, 4, 9 points a cell).
@@ -194,10 +197,7 @@ class Space:
         MeshError
             If there is no such curve or it lies inside the domain, where it has no outward side.
         """
-        facets = self.host_mesh.facets(name)
-        if (self.host_mesh.mesh.f2t[1, facets] != -1).any():
-            raise MeshError(f"boundary {name!r} lies inside the domain, so that a traction on it has no outward side")
-        return self.facet_vector(facets, traction)
+        return self._nodal(self._boundary(name, "a traction on it"), traction)
 
     def facet_vector(
         self,
@@ -215,15 +215,63 @@ class Space:
         side : ndarray of int, same shape, optional
             0 or 1: row of scikit-fem's ``f2t`` that holds the element, 0 if not given; the normal points out of it.
         """
+        return self._nodal(self._facets(facets, side), traction)
+
+    def _nodal(self, sides: _Sides, traction: Callable[[Array, Array, Array, Array], Array]) -> Array:
+        basis, place, normal, shapes = sides
+        value = np.asarray(traction(place[:, 0], place[:, 1], normal[:, 0], normal[:, 1]), dtype=np.float64)
+        value = value.reshape(*basis.dx.shape, 2) * basis.dx[:, :, None]
+        local = np.einsum("bfq,fqk->fbk", shapes, value)
+        return self._scatter(basis.element_dofs.T, local)
+
+    def boundary_matrix(self, name: str, stiffness: Callable[[Array, Array, Array, Array], Array]) -> csr_matrix:
+        """Matrix ``int N^T k N ds`` of a stiffness per area on the named curve.
+
+        Parameters
+        ----------
+        name : str
+            Curve on the boundary of the domain.
+        stiffness : callable
+            ``stiffness(x, y, nx, ny)`` with arrays of shape (n,), outward normal, returns (n, 2, 2) [Pa/m].
+
+        Returns
+        -------
+        scipy.sparse.csr_matrix, shape (ndofs, ndofs)
+
+        Raises
+        ------
+        MeshError
+            If there is no such curve or it lies inside the domain.
+        """
+        basis, place, normal, shapes = self._boundary(name, "a spring on it")
+        value = np.asarray(stiffness(place[:, 0], place[:, 1], normal[:, 0], normal[:, 1]), dtype=np.float64)
+        value = value.reshape(*basis.dx.shape, 2, 2) * basis.dx[:, :, None, None]
+        local = np.einsum("bfq,fqij,cfq->fbicj", shapes, value, shapes)
+        nodes = basis.element_dofs.T
+        # the shapes of nodes off the side vanish on it, but for rounding
+        local[np.abs(local) <= 1e-13 * np.abs(local).max(initial=0.0)] = 0.0
+        dofs = np.stack([2 * nodes, 2 * nodes + 1], axis=2).reshape(len(nodes), -1)
+        width = dofs.shape[1]
+        rows, columns = np.repeat(dofs, width, axis=1).ravel(), np.tile(dofs, (1, width)).ravel()
+        matrix = csr_matrix((local.reshape(-1), (rows, columns)), shape=(self.ndofs, self.ndofs))
+        matrix.eliminate_zeros()
+        return matrix
+
+    def _boundary(self, name: str, what: str) -> _Sides:
+        """Basis of scikit-fem on a named curve, places and outward normals (n, 2), shape functions (nb, nf, nq)."""
+        facets = self.host_mesh.facets(name)
+        if (self.host_mesh.mesh.f2t[1, facets] != -1).any():
+            raise MeshError(f"boundary {name!r} lies inside the domain, so that {what} has no outward side")
+        return self._facets(facets)
+
+    def _facets(self, facets: NDArray[np.int64], side: NDArray[np.int64] | None = None) -> _Sides:
+        """The same on given facets; for `side` see `facet_vector`."""
         where = facets if side is None else OrientedBoundary(facets, side)
         basis = skfem.FacetBasis(self._geometry, self._scalar_element, facets=where, intorder=2 * self.order + 1)
         place = _point_major(np.asarray(basis.global_coordinates()))
         normal = _point_major(np.broadcast_to(np.asarray(basis.normals), (2, *basis.dx.shape)))
-        value = np.asarray(traction(place[:, 0], place[:, 1], normal[:, 0], normal[:, 1]), dtype=np.float64)
-        value = value.reshape(*basis.dx.shape, 2) * basis.dx[:, :, None]
         shapes = np.stack([np.broadcast_to(np.asarray(basis.basis[i][0]), basis.dx.shape) for i in range(basis.Nbfun)])
-        local = np.einsum("bfq,fqk->fbk", shapes, value)
-        return self._scatter(basis.element_dofs.T, local)
+        return basis, place, normal, shapes
 
     def _scatter(self, nodes: NDArray[np.int64], local: Array) -> Array:
         vector = np.empty((self.nnodes, 2))

@@ -127,6 +127,8 @@ def _built(arrays: dict[str, np.ndarray], plain: dict[str, Any]) -> Checkpoint:
     result = values("result", "stage_start")
     result["residuals"] = tuple(result["residuals"])
     result["reactions"] = {name: (x, y) for name, (x, y) in result["reactions"].items()}
+    result["springs"] = {name: (x, y) for name, (x, y) in result["springs"].items()}
+    result["rigid"] = {name: tuple(numbers) for name, numbers in result["rigid"].items()}
     start = StageStart(**values("stage_start"))
     memory = SolverMemory(**values("memory", "factor"), factor=FactorMemory(**values("factor")))
     return Checkpoint(StepResult(**result, stage_start=start), memory)

@@ -12,13 +12,22 @@ import numpy as np
 from granfabric.fem.linear_solvers.direct import FactorisationError
 from granfabric.fem.vectors import Array
 
+from .bands import band_fraction
 from .changing_body import begin_body
 from .checkpoint import SolverMemory
 from .control import ControlError
+from .led_step import Lead, led_step
 from .newton import newton_step
-from .results import RunSummary, StepResult
+from .results import RunSummary, StageStart, StepResult
 from .run import SMALLEST_PROPOSAL, STOPPED, Run, StepCounts
-from .stage_start import external_force, stage_start, target_displacement
+from .stage_start import (
+    carried_by_ties,
+    counted_anew,
+    external_force,
+    led_direction,
+    stage_start,
+    target_displacement,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -33,7 +42,8 @@ class CoupledRun(Run):
         super().__init__(*arguments, **more)
         self._step = 0
         self._reference = np.zeros(self._problem.space.ndofs)
-        self._held: Array | None = None
+        self._start: StageStart | None = None
+        self._factors: list[float] = []  # what controls of the stages before have come to, 1 for stages without
 
     def execute(self, resume: StepResult | None, memory: SolverMemory | None) -> RunSummary:
         first = 0
@@ -41,7 +51,8 @@ class CoupledRun(Run):
             first = self._restore(resume)
             self._step = resume.step
             self._reference = np.array(resume.stage_start.reference)
-            self._held = resume.stage_start.held
+            self._start = resume.stage_start
+            self._factors = resume.stage_start.load_factors.tolist()
             self._system.refresh_internal_force()
         for index in range(first, len(self._problem.stages)):
             again = index == first
@@ -55,7 +66,7 @@ class CoupledRun(Run):
         system = self._system
         for name, ours, given in (
             ("tangent", system.material.tangent_start, memory.tangent),
-            ("correction", system.free, memory.last_correction),
+            ("correction", np.empty(system.unknowns.count), memory.last_correction),
             ("matrix", np.empty(system.pattern_size()), memory.factor.values),
         ):
             if given is not None and ours.shape != given.shape:
@@ -77,8 +88,9 @@ class CoupledRun(Run):
             return 0.0 if resume is None else resume.fraction, STOPPED
         with self._accounting.phase("setup"):
             if resume is None:
+                self._start = counted_anew(self._problem, index, self._start, system.displacement)
                 begin_body(system, self._problem, index)
-            system.constrain(terms.constrained)
+            system.constrain(terms)
             system.material.law = self._problem.law_of(index)
         if memory is None:
             # A new stage turns the direction of loading, for which the last converged tangent is a bad guide.
@@ -90,13 +102,24 @@ class CoupledRun(Run):
             if resume is not None:
                 start = resume.stage_start
             else:
+                factors = np.array(self._factors if self._problem.program.controlled else [])
                 start = stage_start(
-                    self._problem, index, system.displacement, system.internal_force, self._reference, self._held
+                    self._problem,
+                    index,
+                    system.displacement,
+                    system.internal_force,
+                    self._reference,
+                    self._start,
+                    factors,
                 )
-                self._reference, self._held = start.reference, start.held
+                self._reference, self._start = start.reference, start
+            system.set_springs(start.spring_offsets)
         system.start_scale(external_force(self._problem, index, start, 0.0))
         target = target_displacement(terms, start)
         fraction = 0.0 if resume is None else resume.fraction
+        load_factor = 0.0 if resume is None or terms.led is None else resume.load_factor
+        following = self._problem.program.forces(index, tuple(start.load_factors)).following
+        turned = 0.0
         increment = control.first_factor * nominal if resume is None else resume.next_increment
         last_correction: Array | None = None
         last_increment = increment
@@ -107,15 +130,32 @@ class CoupledRun(Run):
         while fraction < 1.0:
             if self._stopped():
                 return fraction, STOPPED
-            steps_left = max(1, math.ceil((1.0 - fraction) / increment * (1.0 - SLIVER)))
-            tried = (1.0 - fraction) / steps_left
-            end = 1.0 if steps_left == 1 else fraction + tried
+            if fraction in terms.corners and fraction != turned:
+                # the direction of loading turns within the stage
+                turned, last_correction = fraction, None
+                system.material.still_tangent(control.tangent_kind)
+            corner = next(place for place in terms.corners if place > fraction)
+            steps_left = max(1, math.ceil((corner - fraction) / increment * (1.0 - SLIVER)))
+            tried = (corner - fraction) / steps_left
+            end = corner if steps_left == 1 else fraction + tried
             with self._accounting.phase("boundary"):
-                here = start.displacement[terms.constrained]
-                prescribed = here + end * (target - here)
+                prescribed = terms.moved(end, start.displacement[terms.constrained], target)
+                carried = carried_by_ties(terms, start, end)
+                if carried is not None and fraction > 0.0:
+                    before = carried_by_ties(terms, start, fraction)
+                    assert before is not None
+                    carried = carried - before
                 external = external_force(self._problem, index, start, end)
                 guess = None if last_correction is None else last_correction * (tried / last_increment)
-            outcome = newton_step(system, prescribed, external, guess)
+            if terms.led is None:
+                outcome = newton_step(system, prescribed, external, guess, carried)
+            else:
+                assert following is not None
+                direction, at_start = led_direction(terms, start.displacement)
+                amount = (terms.led.target - at_start) * (end - fraction)
+                lead = Lead(direction, amount, following, load_factor)
+                outcome = led_step(system, prescribed, external, lead, carried)
+                external = external + outcome.load_factor * following
             iterations += outcome.iterations
             if not outcome.converged:
                 self._accounting.cuts += 1
@@ -131,10 +171,11 @@ class CoupledRun(Run):
                         f"{outcome.reason}"
                     )
                 continue
-            last_correction = (outcome.displacement - system.displacement)[system.free]
+            last_correction = system.unknowns.of(outcome.displacement - system.displacement)
             last_increment = tried
             system.commit(outcome.displacement, external)
             fraction = end
+            load_factor = fraction if terms.led is None else outcome.load_factor
             self._step += 1
             self._accounting.steps += 1
             self._failed_point = None
@@ -146,12 +187,32 @@ class CoupledRun(Run):
             counts = StepCounts(iterations, done, cuts, substeps, tuple(outcome.residuals))
             self._hand_out(
                 partial(
-                    self._result, index, start, self._step, fraction, system.displacement, external, counts, increment
+                    self._result,
+                    index,
+                    start,
+                    self._step,
+                    fraction,
+                    system.displacement,
+                    external,
+                    counts,
+                    increment,
+                    load_factor,
                 ),
                 partial(self._memory, last_correction, last_increment),
             )
             cuts, iterations, factorisations = 0, 0, self._accounting.factorisations
+        self._factors.append(1.0 if terms.led is None else load_factor)
         return fraction, ""
+
+    def _last_tangent(self, finished: bool) -> Array:
+        """Tangent of the end; of a run that could not go on the last trial's, as its start has that of no increment."""
+        material = self._system.material
+        committed = finished or not self._system.any(material.tangent_end)
+        return material.tangent_start if committed else material.tangent_end
+
+    def _band_fraction(self, finished: bool) -> float:
+        part = self._system.part
+        return band_fraction(self._last_tangent(finished), (self._problem.space if part is None else part).weights)
 
     def _memory(self, last_correction: Array, last_increment: float) -> SolverMemory:
         system = self._system

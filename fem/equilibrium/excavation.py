@@ -48,6 +48,8 @@ def excavation_forces(
     free = body.dofs.copy()
     free[terms.constrained] = False
     free[terms.released] = False
+    if terms.ties is not None:
+        free[terms.ties.dofs] = False  # nothing changes beside a rigid body
     before = np.zeros(space.ndofs) if held is None else np.where(free, held, 0.0)
     excavated = np.zeros(space.ndofs)
     placing = np.zeros(space.ndofs)

@@ -12,6 +12,7 @@ from granfabric.fem.loads.problem import Problem
 from granfabric.fem.vectors import Array
 
 from .results import StageStart, StepResult
+from .tied_results import rigid_bodies, support_forces
 
 
 def initial_result(problem: Problem) -> StepResult:
@@ -31,9 +32,10 @@ def initial_result(problem: Problem) -> StepResult:
     space, terms = problem.space, problem.program.terms[0]
     internal = initial_internal_force(problem)
     external = terms.force_end if problem.starts_loaded else terms.force_start
-    support = np.zeros(space.ndofs)
-    support[terms.constrained] = (internal - external)[terms.constrained]
+    support = support_forces(terms, internal, external)
     nothing = np.zeros(space.ndofs)
+    start = StageStart(nothing, nothing, nothing)
+    fraction = 1.0 if problem.starts_loaded else 0.0
     stress, state = problem.initial_stress.copy(), problem.initial_state.copy()
     if terms.body is not None:
         absent = ~terms.body.active[space.point_cell]
@@ -55,7 +57,10 @@ def initial_result(problem: Problem) -> StepResult:
         substeps=0,
         limited=0,
         next_increment=1.0 / terms.stage.increments,
-        stage_start=StageStart(nothing, nothing, nothing),
+        stage_start=start,
+        load_factor=0.0,
+        rigid=rigid_bodies(problem.program, 0, nothing, support, fraction, 0.0, start),
+        springs=dict.fromkeys(problem.program.spring_boundaries, (0.0, 0.0)),
         active=None if terms.body is None else terms.body.active,
         support=support,
     )

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.fem.linear_solvers.direct import FactorisationError
+from granfabric.fem.vectors import dot
 
 if TYPE_CHECKING:
     from .residual import Equilibrium
@@ -55,6 +56,8 @@ class StepOutcome:
         Fraction of the increment worth trying next if not converged.
     failed_point : int
         Point whose law failed; -1 if none did.
+    load_factor : float
+        Of the last iterate, if a control leads a displacement.
     """
 
     converged: bool
@@ -65,42 +68,56 @@ class StepOutcome:
     residuals: list[float] = field(default_factory=list)
     proposed_factor: float = 0.5
     failed_point: int = -1
+    load_factor: float = 0.0
 
 
 @dataclass
-class _Evaluation:
+class Evaluation:
+    """Residual of a trial, its norm, and what it is compared with."""
+
     residual: Array
     norm: float
     scale: float
     floor: float
 
     def allowed(self, tolerance: float) -> float:
+        """Norm at which a step has converged."""
         return max(tolerance * self.scale, self.floor)
 
     @property
     def relative(self) -> float:
+        """Norm over the force scale."""
         return self.norm / self.scale if self.scale > 0 else 0.0
 
 
-def _evaluate(system: Equilibrium, displacement: Array, external: Array) -> tuple[_Evaluation | None, str, float, int]:
-    """Residual at a trial displacement; None if a point failed, with message, proposed factor and point."""
+def evaluate(
+    system: Equilibrium, displacement: Array, external: Array, direction: Array | None = None
+) -> tuple[Evaluation | None, str, float, int]:
+    """Residual at a trial displacement; None if a point failed, with message, proposed factor and point.
+
+    With a direction, shape (ndofs,), in which a control leads, the forces along it count as well.
+    """
     report = system.material.update(displacement, system.displacement, system.control.tangent_kind)
     if report.failed:
         point, message = system.worst(report)
         return None, message, report.proposed_step_factor, point
     with system.accounting.phase("assembly"):
-        system.forces.internal_force(system.material.stress_end, system.internal_trial)
-        residual = external[system.free] - system.internal_trial[system.free]
+        system.internal(displacement, system.internal_trial)
+        residual = system.unknowns.reduce(external - system.internal_trial)
         size = system.norm(residual)
+        if direction is not None:
+            size = float(np.hypot(size, dot(direction, external - system.internal_trial)))
         scale = max(system.force_scale, system.norm(system.internal_trial), system.norm(external))
         rounding = np.finfo(np.float64).eps * system.norm(system.forces.magnitude)
         floor = max(system.control.absolute_tolerance, ROUNDING_MULTIPLE * rounding)
     if not np.isfinite(size):
         return None, "the residual is not finite", 0.5, -1
-    return _Evaluation(residual, size, scale, floor), "", 1.0, -1
+    return Evaluation(residual, size, scale, floor), "", 1.0, -1
 
 
-def newton_step(system: Equilibrium, prescribed: Array, external: Array, guess: Array | None) -> StepOutcome:
+def newton_step(
+    system: Equilibrium, prescribed: Array, external: Array, guess: Array | None, carried: Array | None = None
+) -> StepOutcome:
     """Find equilibrium at the end of a load step.
 
     The step has converged when the Euclidean norm of the residual on the free degrees of freedom is at most
@@ -116,31 +133,34 @@ def newton_step(system: Equilibrium, prescribed: Array, external: Array, guess: 
         Displacements of the constrained degrees of freedom at the end of the step [m].
     external : ndarray, shape (ndofs,)
         Nodal forces at the end of the step [N/m].
-    guess : ndarray, shape (nfree,), optional
+    guess : ndarray, shape (nunknowns,), optional
         Estimate of the increment, start of the predictor's linear solve.
+    carried : ndarray, shape (ndofs,), optional
+        What rigid bodies with a prescribed motion move in this step [m].
 
     Returns
     -------
     StepOutcome
     """
-    control, free = system.control, system.free
+    control, unknowns = system.control, system.unknowns
     displacement = system.displacement.copy()
     outcome = StepOutcome(False, "", displacement, system.internal_trial)
     with system.accounting.phase("boundary"):
         moved = np.zeros_like(displacement)
         moved[system.constrained] = prescribed - displacement[system.constrained]
-        right_hand_side = external[free] - system.internal_force[free]
+        if carried is not None:
+            moved += carried
+        right_hand_side = unknowns.reduce(external - system.internal_force)
         if system.any(moved):
-            action = system.forces.tangent_times(system.material.tangent_start, moved, system.scratch)
-            right_hand_side -= action[free]
+            right_hand_side -= unknowns.reduce(system.action(system.material.tangent_start, moved, system.scratch))
             displacement += moved
     try:
         if system.worth_solving(right_hand_side, external):
             forcing = PREDICTOR_FORCING if control.forcing is None else control.forcing
             correction = system.linear_solve(right_hand_side, forcing, committed=True, guess=guess)
             outcome.iterations += 1
-            displacement[free] += correction
-        current, message, factor, point = _evaluate(system, displacement, external)
+            unknowns.add(displacement, correction)
+        current, message, factor, point = evaluate(system, displacement, external)
         if current is None:
             outcome.reason, outcome.proposed_factor, outcome.failed_point = message, factor, point
             return outcome
@@ -153,7 +173,7 @@ def newton_step(system: Equilibrium, prescribed: Array, external: Array, guess: 
                     f"{current.relative:.1e}, wanted {control.tolerance:.1e})"
                 )
                 return outcome
-            forcing = _forcing(control.forcing, current, before, control.tolerance)
+            forcing = next_forcing(control.forcing, current, before, control.tolerance)
             correction = system.linear_solve(current.residual, forcing, committed=False, guess=None)
             outcome.iterations += 1
             before = current.norm
@@ -170,7 +190,8 @@ def newton_step(system: Equilibrium, prescribed: Array, external: Array, guess: 
     return outcome
 
 
-def _forcing(fixed: float | None, current: _Evaluation, before: float, tolerance: float) -> float:
+def next_forcing(fixed: float | None, current: Evaluation, before: float, tolerance: float) -> float:
+    """Relative tolerance of the next linear solve."""
     if fixed is not None:
         return fixed
     forcing = FORCING_FACTOR * (current.norm / before) ** 2
@@ -180,17 +201,18 @@ def _forcing(fixed: float | None, current: _Evaluation, before: float, tolerance
 
 def _line_search(
     system: Equilibrium, displacement: Array, correction: Array, external: Array, before: float
-) -> tuple[_Evaluation | None, tuple[str, float, int]]:
+) -> tuple[Evaluation | None, tuple[str, float, int]]:
     """Shorten the correction until the residual falls; `displacement` is moved to the accepted iterate."""
-    start = displacement[system.free].copy()
+    start = displacement.copy()
     length = 1.0
     no_descent = ("the residual does not fall along Newton's correction", 0.5, -1)
     failure = no_descent
     for attempt in range(LINE_SEARCH_LIMIT + 1):
         if attempt:
             system.accounting.line_searches += 1
-        displacement[system.free] = start + length * correction
-        evaluation, message, factor, point = _evaluate(system, displacement, external)
+        displacement[:] = start
+        system.unknowns.add(displacement, length * correction)
+        evaluation, message, factor, point = evaluate(system, displacement, external)
         if evaluation is not None and (
             evaluation.norm < before or evaluation.norm <= evaluation.allowed(system.control.tolerance)
         ):

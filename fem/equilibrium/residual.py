@@ -11,14 +11,16 @@ from scipy.sparse import csr_matrix
 from granfabric.constitutive.contract import UpdateReport
 from granfabric.fem.accounting import Accounting
 from granfabric.fem.discretisation.active_part import ActivePart
-from granfabric.fem.discretisation.assembly import ForceAssembler, TangentAssembler
+from granfabric.fem.discretisation.assembly import ForceAssembler
 from granfabric.fem.discretisation.quadrature_material import QuadratureMaterial
 from granfabric.fem.linear_solvers.direct import make_solver
 from granfabric.fem.linear_solvers.tangent import FactorMemory, TangentSolver
+from granfabric.fem.loads.load_program import StageTerms
 from granfabric.fem.loads.problem import Problem
 from granfabric.fem.vectors import norm
 
 from .control import StepControl
+from .unknowns import FreeUnknowns, TiedUnknowns, Unknowns, UnknownsTangent
 
 Array = NDArray[np.float64]
 Kind = TypeVar("Kind", bound=np.generic)
@@ -41,7 +43,9 @@ class Equilibrium:
         At the last trial.
     force_scale : float
         Largest norm of internal or external nodal forces at the commits of the current stage and at its start [N/m].
-    free, constrained : ndarray of int
+    constrained : ndarray of int
+        Prescribed degrees of freedom, without one that a control leads; set by `constrain`.
+    unknowns : Unknowns
         Set by `constrain`.
     part : ActivePart or None
         Where stages change the body, what of it is there: arrays of points are those of the part.
@@ -54,7 +58,7 @@ class Equilibrium:
         self.control = control
         self.accounting = accounting
         self.part: ActivePart | None = None
-        self._tangent_matrix: TangentAssembler | None = None
+        self._tangent_matrix: UnknownsTangent | None = None
         body = problem.program.terms[0].body
         part = None if body is None else ActivePart(space, body.active)
         self.enter(part, problem.initial_stress, problem.initial_state, None)
@@ -64,8 +68,13 @@ class Equilibrium:
         self.scratch = np.zeros(space.ndofs)
         self._product = np.zeros(space.ndofs)
         self._full = np.zeros(space.ndofs)
-        self.free = np.empty(0, dtype=np.int64)
         self.constrained = np.empty(0, dtype=np.int64)
+        self.unknowns: Unknowns = FreeUnknowns(self.constrained)
+        self._kind: tuple[object, ...] = ()
+        self._ties: csr_matrix | None = None
+        self._springs: csr_matrix | None = None
+        self._had_springs = False
+        self._spring_offset: Array | None = None
         self._direct = make_solver(control.linear_solver)
         self._solver = TangentSolver(self._direct, accounting, control.keep_factor)
         self.force_scale = 0.0
@@ -121,23 +130,62 @@ class Equilibrium:
         return bool(vector.any())
 
     def refresh_internal_force(self) -> None:
-        """Internal forces of the committed stress."""
+        """Internal forces of the committed stress and of the springs."""
         self.forces.internal_force(self.material.stress_start, self.internal_force)
+        self._add_springs(self.displacement, self.internal_force)
 
-    def constrain(self, constrained: NDArray[np.int64]) -> None:
-        """Choose the prescribed degrees of freedom; pattern and factor are kept if they do not change."""
-        if self._tangent_matrix is not None and np.array_equal(constrained, self.constrained):
+    def internal(self, displacement: Array, out: Array) -> Array:
+        """Internal forces of the last trial, under these displacements; also sets the magnitude of their parts."""
+        self.forces.internal_force(self.material.stress_end, out)
+        self._add_springs(displacement, out)
+        return out
+
+    def _add_springs(self, displacement: Array, out: Array) -> None:
+        if self._springs is not None:
+            out += self._springs @ displacement
+            if self._spring_offset is not None:
+                out -= self._spring_offset
+
+    def action(self, tangent: Array, displacement: Array, out: Array) -> Array:
+        """Tangent of body and springs times displacements, shape (ndofs,)."""
+        self.forces.tangent_times(tangent, displacement, out)
+        if self._springs is not None:
+            out += self._springs @ displacement
+        return out
+
+    def constrain(self, terms: StageTerms) -> None:
+        """Take up the supports, ties and springs of a stage; pattern and factor are kept if they do not change."""
+        led = -1 if terms.led is None else terms.led.dof
+        springs = tuple(spring for spring, _ in terms.springs)
+        ties = None if terms.ties is None else terms.ties.matrix
+        kind = (led, springs)
+        same = kind == self._kind and np.array_equal(terms.constrained, self.constrained) and _same(ties, self._ties)
+        if self._tangent_matrix is not None and same:
             return
-        self.constrained = constrained
-        mask = np.ones(self.space.ndofs, dtype=bool)
-        if self.part is not None:
-            mask[:] = False
-            mask[2 * self.part.nodes] = mask[2 * self.part.nodes + 1] = True
-        mask[constrained] = False
-        self.free = np.flatnonzero(mask)
+        self._kind, self._ties = kind, ties
+        self.constrained = terms.constrained
+        self._springs = sum((matrix for _, matrix in terms.springs[1:]), terms.springs[0][1]) if springs else None
+        if terms.ties is not None:
+            self.unknowns = TiedUnknowns(terms.ties, led)
+        else:
+            mask = np.ones(self.space.ndofs, dtype=bool)
+            if self.part is not None:
+                mask[:] = False
+                mask[2 * self.part.nodes] = mask[2 * self.part.nodes + 1] = True
+            mask[terms.constrained] = False
+            if led >= 0:
+                mask[led] = False
+            self.unknowns = FreeUnknowns(np.flatnonzero(mask))
         self._full[:] = 0.0
-        self._tangent_matrix = TangentAssembler(self.space if self.part is None else self.part, self.free)
+        self._tangent_matrix = self.unknowns.tangent(self.space if self.part is None else self.part, self._springs)
         self._solver.reset()
+
+    def set_springs(self, offsets: Array) -> None:
+        """Where springs have no force, as the start of the stage says; after `constrain`."""
+        self._spring_offset = offsets.sum(axis=0) if len(offsets) else None
+        if self._springs is not None or self._had_springs:
+            self.refresh_internal_force()
+        self._had_springs = self._springs is not None
 
     def factor_memory(self) -> FactorMemory:
         """What the linear solver remembers."""
@@ -160,7 +208,7 @@ class Equilibrium:
 
     def worth_solving(self, right_hand_side: Array, external: Array) -> bool:
         """Whether a predicted residual is above what counts as equilibrium."""
-        if not len(self.free):
+        if not self.unknowns.count:
             return False
         scale = max(self.force_scale, norm(external))
         allowed = max(self.control.tolerance * scale, self.control.absolute_tolerance)
@@ -171,25 +219,25 @@ class Equilibrium:
 
         Parameters
         ----------
-        right_hand_side : ndarray, shape (nfree,)
+        right_hand_side : ndarray, shape (nunknowns,)
         tolerance : float
             Relative residual.
         committed : bool
             Tangent of the last commit instead of the last trial.
-        guess : ndarray, shape (nfree,), optional
+        guess : ndarray, shape (nunknowns,), optional
 
         Raises
         ------
         FactorisationError
         """
         tangent = self.material.tangent_start if committed else self.material.tangent_end
-        free = self.free
+        unknowns = self.unknowns
 
         def operator(x: Array) -> Array:
             # Products with D point by point cost about as much as with the assembled matrix, which takes ten times
             # as long to assemble; it is only made for a factorisation.
-            self._full[free] = x
-            return self.forces.tangent_times(tangent, self._full, self._product)[free]
+            unknowns.expand(x, self._full)
+            return unknowns.reduce(self.action(tangent, self._full, self._product))
 
         def matrix() -> csr_matrix:
             assert self._tangent_matrix is not None
@@ -216,3 +264,9 @@ class Equilibrium:
             self.displacement[:] = displacement
             self.internal_force, self.internal_trial = self.internal_trial, self.internal_force
             self._raise_scale(external)
+
+
+def _same(one: csr_matrix | None, other: csr_matrix | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return one.shape == other.shape and one.nnz == other.nnz and abs(one - other).nnz == 0

@@ -22,6 +22,10 @@ class StageStart:
         Nodal forces that fade to zero over the stage: released reactions, unbalanced initial stress [N/m].
     reference : ndarray, shape (ndofs,)
         Constant forces that balance the initial stress, if that was asked for [N/m].
+    spring_offsets : ndarray, shape (nsprings, ndofs)
+        For each of the stage's springs, stiffness times the displacement at which it has no force [N/m].
+    load_factors : ndarray, shape (number of the stage,)
+        What controls of the stages before have come to, 1 for stages without; empty if no stage has one.
     held : ndarray, shape (ndofs,), optional
         What is left at the end of the stage of the forces that excavated parts had exerted [N/m]; None without any.
     """
@@ -29,6 +33,8 @@ class StageStart:
     displacement: Array
     fading: Array
     reference: Array
+    spring_offsets: Array = field(default_factory=lambda: np.empty((0, 0)))
+    load_factors: Array = field(default_factory=lambda: np.empty(0))
     held: Array | None = None
 
 
@@ -62,6 +68,14 @@ class StepResult:
     next_increment : float
         Fraction of the stage that the next step will try.
     stage_start : StageStart
+    load_factor : float
+        Of the loads that follow the control of the stage; without one the position within the stage.
+    rigid : dict of str to (float, ...)
+        For each boundary that is tied to a rigid body in some stage: displacement of its point along x and y [m],
+        rotation [rad], force of the body on the boundary along x and y [N/m], moment about the point [N m/m]; rotation
+        and moment anticlockwise.
+    springs : dict of str to (float, float)
+        Force of the springs on the body, summed over each boundary that has some in some stage [N/m].
     active : ndarray of bool, shape (nelem,), optional
         Elements that are there, where stages change the body. Everything at a point of another one is zero.
     support : ndarray, shape (ndofs,), optional
@@ -85,6 +99,9 @@ class StepResult:
     limited: int
     next_increment: float
     stage_start: StageStart
+    load_factor: float = 1.0
+    rigid: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    springs: dict[str, tuple[float, float]] = field(default_factory=dict)
     active: NDArray[np.bool_] | None = None
     support: Array | None = None
 
@@ -133,6 +150,8 @@ class RunSummary:
         Wall-clock time by phase, see `fem.accounting.Accounting`.
     failed_point : FailedPoint or None
         The point at which the last attempt failed, if it did at a point.
+    band_fraction : float
+        Area fraction in which the tangent of the end lets shear bands form, see `granfabric.fem.equilibrium.bands`.
     """
 
     finished: bool
@@ -143,3 +162,4 @@ class RunSummary:
     counters: dict[str, int] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     failed_point: FailedPoint | None = None
+    band_fraction: float = 0.0

@@ -20,6 +20,7 @@ from .control import ControlError, StepControl
 from .initial import boundary_sums, named_nodes
 from .residual import Equilibrium
 from .results import FailedPoint, RunSummary, StageStart, StepResult
+from .tied_results import rigid_bodies, spring_forces, support_forces
 
 logger = logging.getLogger(__name__)
 
@@ -88,7 +89,12 @@ class Run:
             self._accounting.counters(),
             dict(self._accounting.seconds),
             self._failed_point,
+            self._band_fraction(finished),
         )
+
+    def _band_fraction(self, finished: bool) -> float:
+        """Where the last tangents let shear bands form; none where no tangent is used."""
+        return 0.0
 
     def _restore(self, resume: StepResult) -> int:
         """Take the fields of a step over; index of its stage.
@@ -175,11 +181,14 @@ class Run:
         external: Array,
         counts: StepCounts,
         next_increment: float,
+        load_factor: float,
     ) -> StepResult:
         system, material = self._system, self._system.material
         terms = self._problem.program.terms[index]
-        support = np.zeros(system.space.ndofs)
-        support[terms.constrained] = (system.internal_force - external)[terms.constrained]
+        support = support_forces(terms, system.internal_force, external)
+        whole = index == 0 and self._problem.starts_loaded
+        program = self._problem.program
+        bodies = rigid_bodies(program, index, displacement, support, 1.0 if whole else fraction, load_factor, start)
         report = material.committed_report
         assert report is not None
         return StepResult(
@@ -200,6 +209,9 @@ class Run:
             report.limited,
             next_increment,
             start,
+            load_factor,
+            bodies,
+            spring_forces(program, index, displacement, start),
             None if terms.body is None else terms.body.active,
-            support=support,
+            support,
         )

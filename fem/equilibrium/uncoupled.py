@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from granfabric.fem.linear_solvers.tangent import FactorMemory
+from granfabric.fem.loads.amplitude import positions
 from granfabric.fem.vectors import Array
 
 from .checkpoint import SolverMemory
@@ -79,12 +80,13 @@ class UncoupledRun(Run):
 
     def _wanted(self, index: int, fraction: float) -> list[tuple[int, float]]:
         """Step numbers and positions within a stage, beyond a position, at which results are wanted."""
-        before = sum(stage.increments for stage in self._problem.stages[:index])
-        number = self._problem.stages[index].increments
+        terms = self._problem.program.terms
+        before = sum(len(positions(part.corners, part.stage.increments)) for part in terms[:index])
+        places = positions(terms[index].corners, terms[index].stage.increments)
         return [
-            (before + step, step / number)
-            for step in range(1, number + 1)
-            if step / number > fraction and ((before + step) % self._control.report_every == 0 or step == number)
+            (before + step, place)
+            for step, place in enumerate(places, 1)
+            if place > fraction and ((before + step) % self._control.report_every == 0 or step == len(places))
         ]
 
     def _stage(self, index: int, solution: StageSolution, fraction: float, factorisations: int) -> float:
@@ -93,6 +95,8 @@ class UncoupledRun(Run):
         Solves and factorisations of the stage are told with its first result.
         """
         self._committed = fraction
+        self._system.constrain(self._problem.program.terms[index])
+        self._system.set_springs(solution.start.spring_offsets)
         solves, factorisations = (solution.solves, factorisations) if fraction == 0.0 else (0, 0)
         for step, end in self._wanted(index, fraction):
             if self._stopped():
@@ -102,16 +106,29 @@ class UncoupledRun(Run):
             substeps = self._advance(index, solution, end)
             if substeps < 0:
                 return fraction
-            external = external_force(self._problem, index, solution.start, end)
+            load_factor = self._factor(index, solution, end)
+            external = external_force(self._problem, index, solution.start, end, load_factor)
+            displacement = solution.start.displacement + solution.displacement_at(end)
+            self._system.displacement[:] = displacement
             if not self._balanced(index, end, external):
                 return fraction
             fraction = end
             self._accounting.steps += 1
             counts = StepCounts(solves, factorisations, self._accounting.cuts - cuts, substeps)
-            displacement = solution.start.displacement + end * solution.displacement
             increment = 1.0 / self._problem.stages[index].increments
             self._hand_out(
-                partial(self._result, index, solution.start, step, end, displacement, external, counts, increment),
+                partial(
+                    self._result,
+                    index,
+                    solution.start,
+                    step,
+                    end,
+                    displacement,
+                    external,
+                    counts,
+                    increment,
+                    load_factor,
+                ),
                 self._memory,
             )
             solves, factorisations = 0, 0
@@ -119,18 +136,38 @@ class UncoupledRun(Run):
 
     def _advance(self, index: int, solution: StageSolution, end: float) -> int:
         """States at a position within the stage; substeps over all points, -1 if a point cannot get there."""
-        control, material = self._control, self._system.material
-        if not self._system.any(solution.strain):
+        if not self._system.any(solution.strain) and not solution.varying:
             # a zero increment changes nothing, so the law need not be asked
             self._committed = end
             return 0
+        if solution.varying:
+            # not along a straight line: each increment is followed, reported or not
+            within = [
+                place for place in positions(solution.corners, solution.increments) if self._committed < place < end
+            ]
+            substeps = 0
+            for place in [*within, end]:
+                count = self._follow(index, solution, place)
+                if count < 0:
+                    return -1
+                substeps += count
+            return substeps
+        return self._follow(index, solution, end)
+
+    def _factor(self, index: int, solution: StageSolution, fraction: float) -> float:
+        """Factor of the loads that follow a control; without one the position."""
+        return fraction * solution.load_factor if self._problem.program.terms[index].led is not None else fraction
+
+    def _follow(self, index: int, solution: StageSolution, end: float) -> int:
+        """The same along a straight line."""
+        control, material = self._control, self._system.material
         nominal = 1.0 / self._problem.stages[index].increments
         tried, substeps = end - self._committed, 0
         while self._committed < end:
             # A position is set, not summed up, so that the end is met exactly.
             last = tried >= (end - self._committed) * (1.0 - 1e-9)
             position = end if last else self._committed + tried
-            report = material.follow((position - self._committed) * solution.strain)
+            report = material.follow(solution.strain_between(self._committed, position))
             if report.failed:
                 self._accounting.cuts += 1
                 point, message = self._system.worst(report)
@@ -158,7 +195,7 @@ class UncoupledRun(Run):
         with self._accounting.phase("assembly"):
             system.refresh_internal_force()
             rounding = np.finfo(np.float64).eps * system.norm(system.forces.magnitude)
-            residual = system.norm((external - system.internal_force)[system.free])
+            residual = system.norm(system.unknowns.reduce(external - system.internal_force))
             self._scale = max(self._scale, system.norm(system.internal_force), system.norm(external))
         allowed = max(
             self._control.tolerance * self._scale, self._control.absolute_tolerance, ROUNDING_MULTIPLE * rounding

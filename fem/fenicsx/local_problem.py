@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.constitutive.contract import Law
+from granfabric.fem.loads.amplitude import Amplitude
+from granfabric.fem.loads.checks import LoadError
 from granfabric.fem.loads.kinds import Stage
 from granfabric.fem.loads.load_program import StageTerms
 from granfabric.fem.loads.problem import Problem
+from granfabric.fem.loads.rigid import Contact
+from granfabric.fem.loads.stage_forces import StageForces
 
 from .distribution import Distribution
 
@@ -20,7 +25,34 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class _Program:
+    """What `LoadProgram` is for the own host, without rigid bodies, springs and controls."""
+
     terms: list[StageTerms]
+    of_stages: list[StageForces]
+    contacts: dict[str, Contact] = field(default_factory=dict)
+    spring_boundaries: list[str] = field(default_factory=list)
+    controlled: bool = False
+
+    def forces(self, index: int, factors: Sequence[float] = ()) -> StageForces:
+        """Nodal forces of a stage that this rank owns."""
+        return self.of_stages[index]
+
+
+def refuse_unknown_loads(problem: Problem) -> None:
+    """Refuse what this host does not assemble: what couples degrees of freedom beyond the elements, changing bodies.
+
+    Raises
+    ------
+    LoadError
+    """
+    for terms in problem.program.terms:
+        if terms.body is not None and terms.body.changes:
+            raise LoadError(
+                f"stage {terms.stage.name!r} activates or deactivates regions, which the host fenicsx does not know"
+            )
+        for kind, found in (("a rigid body", terms.ties), ("springs", terms.springs), ("a control", terms.led)):
+            if found:
+                raise LoadError(f"stage {terms.stage.name!r} has {kind}, which the host fenicsx does not know")
 
 
 @dataclass(frozen=True)
@@ -78,10 +110,11 @@ def divide(distribution: Distribution, problem: Problem | None) -> LocalProblem:
         )
     law, stages, balance, loaded, indexed, width = comm.bcast(head, root=0)
     points = distribution.points
-    terms = []
+    terms, forces = [], []
     for number, stage in enumerate(stages):
         whole = None if problem is None else problem.program.terms[number]
         terms.append(_terms(distribution, stage, whole))
+        forces.append(_forces(distribution, None if problem is None else problem.program.forces(number)))
     index = None
     if indexed:
         given = None if problem is None or problem.material_index is None else problem.material_index.astype(float)
@@ -90,7 +123,7 @@ def divide(distribution: Distribution, problem: Problem | None) -> LocalProblem:
         distribution,
         law,
         stages,
-        _Program(terms),
+        _Program(terms, forces),
         points.scatter(None if problem is None else problem.initial_stress, (3,)),
         points.scatter(None if problem is None else problem.initial_state, (width,)),
         index,
@@ -111,6 +144,17 @@ def _terms(distribution: Distribution, stage: Stage, whole: StageTerms | None) -
         released[whole.released] = 1.0
     mask = of_nodes(held) > 0.5
     constrained = np.flatnonzero(mask)
+    ways: list[Amplitude] = distribution.comm.bcast(
+        None if whole is None else [amplitude for amplitude, _ in whole.moving], root=0
+    )
+    moving = []
+    for number, amplitude in enumerate(ways):
+        told = None
+        if whole is not None:
+            told = np.zeros_like(whole.force_end)
+            told[whole.constrained[whole.moving[number][1]]] = 1.0
+        moving.append((amplitude, np.flatnonzero(of_nodes(told)[constrained] > 0.5)))
+    corners = distribution.comm.bcast(None if whole is None else whole.corners, root=0)
     part = StageTerms(
         stage,
         constrained,
@@ -118,5 +162,23 @@ def _terms(distribution: Distribution, stage: Stage, whole: StageTerms | None) -
         np.flatnonzero(of_nodes(released) > 0.5),
         of_nodes(None if whole is None else whole.force_start),
         of_nodes(None if whole is None else whole.force_end),
+        tuple(moving),
+        corners,
     )
     return part
+
+
+def _forces(distribution: Distribution, whole: StageForces | None) -> StageForces:
+    def of_nodes(vector: Array | None) -> Array:
+        return distribution.nodes.scatter(None if vector is None else vector.reshape(-1, 2), (2,)).ravel()
+
+    start, end, ramp_end = (
+        of_nodes(None if whole is None else part)
+        for part in ((None, None, None) if whole is None else (whole.start, whole.end, whole.ramp_end))
+    )
+    ways = distribution.comm.bcast(None if whole is None else [amplitude for amplitude, _ in whole.varying], root=0)
+    varying = tuple(
+        (amplitude, of_nodes(None if whole is None else whole.varying[number][1]))
+        for number, amplitude in enumerate(ways)
+    )
+    return StageForces(start, end, ramp_end, varying)

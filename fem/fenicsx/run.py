@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.fem.equilibrium.bands import band_fraction
 from granfabric.fem.equilibrium.checkpoint import Checkpoint, SolverMemory
 from granfabric.fem.equilibrium.control import ControlError
 from granfabric.fem.equilibrium.coupled import CoupledRun
@@ -140,6 +141,7 @@ class _Collected(Run):
             status=self._of_points(own.status.astype(np.float64)).astype(np.int8),
             substeps=int(self._comm.allreduce(own.substeps)),
             stage_start=self._last_start[1],
+            support=forces,
         )
 
     def _memory(self, *arguments: Any) -> SolverMemory:
@@ -147,7 +149,8 @@ class _Collected(Run):
         correction = None
         if self._comm.bcast(own.last_correction is not None, root=0):
             full = np.full(self._problem.space.ndofs, np.nan)
-            full[self._system.free] = own.last_correction
+            assert own.last_correction is not None
+            self._system.unknowns.expand(own.last_correction, full)
             correction = self._of_nodes(full)
             correction = correction[~np.isnan(correction)]
         return replace(
@@ -157,6 +160,11 @@ class _Collected(Run):
 
 class DistributedCoupledRun(_Collected, CoupledRun):
     """`CoupledRun` on several ranks."""
+
+    def _band_fraction(self, finished: bool) -> float:
+        tangent = self._of_points(self._last_tangent(finished))
+        fraction = 0.0 if self.whole is None else band_fraction(tangent, self.whole.space.weights)
+        return float(self._comm.bcast(fraction, root=0))
 
 
 class DistributedUncoupledRun(_Collected, UncoupledRun):
@@ -179,7 +187,7 @@ def divide_checkpoint(
     if resume is not None:
         plain = replace(resume, displacement=_NONE, stress=_NONE, strain=_NONE, state=_NONE,
                         status=np.empty(0, dtype=np.int8),
-                        stage_start=StageStart(_NONE, _NONE, _NONE), reactions={})  # fmt: skip
+                        stage_start=StageStart(_NONE, _NONE, _NONE), reactions={}, support=None)  # fmt: skip
         rest = None
         if memory is not None:
             rest = replace(memory, tangent=_NONE, last_correction=None, factor=FactorMemory())

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from granfabric.fem.accounting import Accounting
 from granfabric.fem.equilibrium.control import StepControl
 from granfabric.fem.equilibrium.residual import Equilibrium
+from granfabric.fem.equilibrium.unknowns import FreeUnknowns
 from granfabric.fem.linear_solvers.tangent import FactorMemory
+from granfabric.fem.loads.load_program import StageTerms
 from granfabric.fem.vectors import dot
 
 from .forces import DistributedForces
@@ -50,6 +52,9 @@ class DistributedEquilibrium(Equilibrium):
         self.displacement, self.internal_force = np.zeros(ndofs), np.zeros(ndofs)
         self.internal_trial, self.scratch = np.zeros(ndofs), np.zeros(ndofs)
         self.free = self.constrained = np.empty(0, dtype=np.int64)
+        self.unknowns = FreeUnknowns(self.free)
+        self._springs = self._spring_offset = None  # `divide` refuses them
+        self._had_springs = False
         self._known = False
         self._kept = KeptFactor(self._comm, ndofs, accounting, control.keep_factor)
         self._matrix: Any = None
@@ -67,7 +72,8 @@ class DistributedEquilibrium(Equilibrium):
     def any(self, vector: Array) -> bool:
         return bool(self._comm.allreduce(int(vector.any())))
 
-    def constrain(self, constrained: NDArray[np.int64]) -> None:
+    def constrain(self, terms: StageTerms) -> None:
+        constrained = terms.constrained
         same = self._known and np.array_equal(constrained, self.constrained)
         if self._comm.allreduce(int(not same)) == 0:
             return
@@ -76,6 +82,7 @@ class DistributedEquilibrium(Equilibrium):
         mask = np.zeros(self.space.ndofs, dtype=bool)
         mask[constrained] = True
         self.free = np.flatnonzero(~mask)
+        self.unknowns = FreeUnknowns(self.free)
         self._conditions = self._prescribed(mask)
         self._kept.reset(mask)
 

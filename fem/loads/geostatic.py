@@ -8,7 +8,7 @@ above it. Exact for straight sides, whatever the mesh.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from granfabric.fem.discretisation.space import Space
 from granfabric.fem.mesh.checks import MeshError
 
 from .bodies import inactive_at_outset
+from .checks import values_at
 from .kinds import INITIAL, BodyForce, LoadError, Pressure, Stage, Traction, check_stages
 
 Array = NDArray[np.float64]
@@ -126,7 +127,7 @@ def _weights(space: Space, stage: Stage, active: Mask) -> Array:
         if not isinstance(load, BodyForce):
             continue
         what = "the body force" + ("" if load.region is None else f" on region {load.region!r}")
-        if callable(load.value):
+        if callable(load.value) or any(map(callable, load.value)):
             raise LoadError(f"{what} is not constant, so that the initial stress does not follow from it")
         if load.value[0] != 0.0 or load.value[1] > 0.0:
             raise LoadError(f"{what} = {tuple(load.value)} does not point straight down, as weight does")
@@ -226,15 +227,9 @@ def _surcharge(
         up = np.sign(sides.jump[number])  # of a roof the outward side is below
         normal = up[:, None] * np.stack([-along[number, 1], along[number, 0]], axis=1) / length[number, None]
         if isinstance(given, Pressure):
-            down = up * _at(given.value, x, y)
+            down = up * values_at(f"the pressure on boundary {given.boundary!r}", given.value, (), x, y)
         else:
-            down = -_at(given.value, x, y, *normal.T)[:, 1] * (length / along[:, 0])[number]
+            traction = values_at(f"the traction on boundary {given.boundary!r}", given.value, (2,), x, y, *normal.T)
+            down = -traction[:, 1] * (length / along[:, 0])[number]
         load += np.bincount(row, weights=down, minlength=len(points))
     return load
-
-
-def _at(value: float | tuple[float, float] | Callable[..., Array], *places: Array) -> Array:
-    """A constant or a function of place at places."""
-    if callable(value):
-        return np.asarray(value(*places), dtype=np.float64)
-    return np.broadcast_to(np.asarray(value, dtype=np.float64), (len(places[0]), *np.shape(value)))

@@ -1,52 +1,28 @@
-"""Loads and stages as data."""
+"""Loads and stages as data.
+
+A value may be a number, a function of place, or the text of an expression in x and y
+(`granfabric.fem.loads.expression`). An ``amplitude`` says how a load goes through its stage
+(`granfabric.fem.loads.amplitude`); it is the stage's if None.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Field = Callable[..., Any]
+from .amplitude import RAMP, Amplitude, amplitude
+from .checks import COMPONENTS, LoadError, Value, check_component, check_finite, pair, scalar, several
+from .control import LoadControl
+from .rigid import RigidBody
+from .springs import Spring
 
-COMPONENTS = ("x", "y")
-
-
-class LoadError(ValueError):
-    """A load or a stage is not possible; the text names it and says what is legal."""
-
-
-def _check_component(owner: str, component: str) -> None:
-    if component not in COMPONENTS:
-        raise LoadError(f"{owner}: component {component!r} is not one of 'x', 'y'")
-
-
-def _check_finite(owner: str, *values: Any) -> None:
-    for value in values:
-        if callable(value):
-            continue
-        number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-        if not number or not np.isfinite(value):
-            raise LoadError(f"{owner} = {value!r} is not a finite number")
-
-
-def _pair(owner: str, value: Any) -> tuple[float, float]:
-    """Two components; one, or three of another code, would be stretched or shifted without a word."""
-    if not isinstance(value, (Sequence, np.ndarray)) or isinstance(value, str) or np.shape(value) != (2,):
-        raise LoadError(f"{owner} = {value!r} is not a pair of numbers, x and y")
-    _check_finite(owner, *value)
-    return value[0], value[1]
-
-
-def _several(owner: str, given: Any) -> list[Any]:
-    """A list of what was given, which may be read only once."""
-    try:
-        return list(given)
-    except TypeError:
-        raise LoadError(f"{owner} must be in a list, got a {type(given).__name__}") from None
+__all__ = [
+    *("COMPONENTS", "INITIAL", "Amplitude", "Array", "BodyForce", "Displacement", "Fixed", "FixedPoint", "Load"),
+    *("LoadControl", "LoadError", "Pressure", "RigidBody", "Spring", "Stage", "Traction", "check_stages"),
+]
 
 
 @dataclass(frozen=True)
@@ -64,9 +40,9 @@ class Fixed:
 
     def __post_init__(self) -> None:
         owner = f"fixed boundary {self.boundary!r}"
-        object.__setattr__(self, "components", tuple(_several(f"components of {owner}", self.components)))
+        object.__setattr__(self, "components", tuple(several(f"components of {owner}", self.components)))
         for component in self.components:
-            _check_component(owner, component)
+            check_component(owner, component)
 
 
 @dataclass(frozen=True)
@@ -84,11 +60,11 @@ class FixedPoint:
     components: Sequence[str] = COMPONENTS
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "point", _pair("fixed point", self.point))
+        object.__setattr__(self, "point", pair("fixed point", self.point))
         owner = f"fixed point {self.point}"
-        object.__setattr__(self, "components", tuple(_several(f"components of {owner}", self.components)))
+        object.__setattr__(self, "components", tuple(several(f"components of {owner}", self.components)))
         for component in self.components:
-            _check_component(owner, component)
+            check_component(owner, component)
 
 
 @dataclass(frozen=True)
@@ -99,17 +75,20 @@ class Displacement:
     ----------
     boundary : str
     component : {"x", "y"}
-    value : float or callable
+    value : float, str or callable
         Total displacement at the end of the stage [m]; a callable gets arrays ``x, y`` and returns an array.
+    amplitude : str, Amplitude or table, optional
     """
 
     boundary: str
     component: str
-    value: float | Field
+    value: Value
+    amplitude: Any = None
 
     def __post_init__(self) -> None:
-        _check_component(f"displacement of boundary {self.boundary!r}", self.component)
-        _check_finite(f"displacement of boundary {self.boundary!r}", self.value)
+        check_component(f"displacement of boundary {self.boundary!r}", self.component)
+        object.__setattr__(self, "value", scalar(f"displacement of boundary {self.boundary!r}", self.value))
+        _read_amplitude(self)
 
 
 @dataclass(frozen=True)
@@ -119,20 +98,23 @@ class Traction:
     Parameters
     ----------
     boundary : str
-    value : (float, float) or callable
+    value : (float or str, float or str) or callable
         Components at the end of the stage [Pa]; a callable gets arrays ``x, y, nx, ny`` (outward normal) and returns
         an array of shape (n, 2).
     name : str
         Tractions of different names act on one boundary together; one of the same name replaces the other.
+    amplitude : str, Amplitude or table, optional
     """
 
     boundary: str
-    value: tuple[float, float] | Field
+    value: Any
     name: str = "traction"
+    amplitude: Any = None
 
     def __post_init__(self) -> None:
         if not callable(self.value):
-            _pair(f"traction on boundary {self.boundary!r}", self.value)
+            object.__setattr__(self, "value", pair(f"traction on boundary {self.boundary!r}", self.value, True))
+        _read_amplitude(self)
 
 
 @dataclass(frozen=True)
@@ -142,15 +124,18 @@ class Pressure:
     Parameters
     ----------
     boundary : str
-    value : float or callable
+    value : float, str or callable
         At the end of the stage [Pa]; a callable gets arrays ``x, y`` and returns an array.
+    amplitude : str, Amplitude or table, optional
     """
 
     boundary: str
-    value: float | Field
+    value: Value
+    amplitude: Any = None
 
     def __post_init__(self) -> None:
-        _check_finite(f"pressure on boundary {self.boundary!r}", self.value)
+        object.__setattr__(self, "value", scalar(f"pressure on boundary {self.boundary!r}", self.value))
+        _read_amplitude(self)
 
 
 @dataclass(frozen=True)
@@ -159,33 +144,45 @@ class BodyForce:
 
     Parameters
     ----------
-    value : (float, float) or callable
+    value : (float or str, float or str) or callable
         Components at the end of the stage [N/m^3]; a callable gets arrays ``x, y`` and returns (n, 2).
     region : str, optional
         Surface that carries it; everything if not given.
+    amplitude : str, Amplitude or table, optional
     """
 
-    value: tuple[float, float] | Field
+    value: Any
     region: str | None = None
+    amplitude: Any = None
 
     def __post_init__(self) -> None:
         if not callable(self.value):
-            _pair("body force", self.value)
+            object.__setattr__(self, "value", pair("body force", self.value, True))
+        _read_amplitude(self)
 
 
-Load = Fixed | FixedPoint | Displacement | Traction | Pressure | BodyForce
+def _read_amplitude(load: Any) -> None:
+    if load.amplitude is not None:
+        object.__setattr__(load, "amplitude", amplitude(load.amplitude))
+
+
+Load = Fixed | FixedPoint | Displacement | Traction | Pressure | BodyForce | RigidBody | Spring
+MOVING = (Displacement, Traction, Pressure, BodyForce, RigidBody)
+"""Loads that have an amplitude."""
 INITIAL = "initial"
 
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage of loading: every load goes linearly from its value at the end of the previous stage to its new one.
+    """One stage of loading: every load goes from its value at the end of the previous stage to its new one.
+
+    It goes linearly, or as its amplitude says.
 
     Parameters
     ----------
     name : str
         A first stage named "initial" holds its loads from the outset at full value, in balance with the initial stress.
-    loads : list of Fixed, FixedPoint, Displacement, Traction, Pressure, BodyForce
+    loads : list of Fixed, FixedPoint, Displacement, Traction, Pressure, BodyForce, RigidBody, Spring
     increments : int
         Number of load steps to begin with.
     keep : bool
@@ -193,6 +190,10 @@ class Stage:
         and boundaries are released (their reactions fade to zero).
     drained : bool
         The law is the one without what drains, `law.drained()`; laws that have none stay as they are.
+    amplitude : str, Amplitude or table
+        Of the loads that have none of their own.
+    control : LoadControl, optional
+        The loads that the stage names grow or fall together so that a displacement goes as wanted.
     deactivate, activate : sequence of str
         Regions that the stage takes away, and regions that it adds; see `granfabric.fem.loads.bodies`.
     release : float
@@ -210,6 +211,8 @@ class Stage:
     increments: int = 1
     keep: bool = True
     drained: bool = False
+    amplitude: Any = RAMP
+    control: LoadControl | None = None
     deactivate: Sequence[str] = ()
     activate: Sequence[str] = ()
     release: float = 1.0
@@ -221,24 +224,43 @@ class Stage:
         if not whole or self.increments < 1:
             raise LoadError(f"stage {self.name!r}: increments = {self.increments!r} is not a positive integer")
         object.__setattr__(self, "increments", int(self.increments))
-        object.__setattr__(self, "loads", _several(f"stage {self.name!r}: loads", self.loads))
+        object.__setattr__(self, "loads", several(f"stage {self.name!r}: loads", self.loads))
         for load in self.loads:
             if not isinstance(load, Load):
                 raise LoadError(f"stage {self.name!r}: {load!r} is not a load")
         self._check_body()
+        try:
+            object.__setattr__(self, "amplitude", amplitude(self.amplitude))
+        except LoadError as error:
+            raise LoadError(f"stage {self.name!r}: {error}") from None
+        if self.name == INITIAL and (
+            self.control is not None or any(self.amplitude_of(load) != RAMP for load in self.loads)
+        ):
+            raise LoadError(
+                f"stage {self.name!r}: its loads act from the outset; it has neither an amplitude nor a control"
+            )
+        if self.control is not None:
+            self.control.check(self)
+
+    def amplitude_of(self, load: Any) -> Amplitude:
+        """Amplitude of a load of this stage."""
+        if not isinstance(load, MOVING):
+            return RAMP
+        own = load.amplitude
+        return self.amplitude if own is None else own
 
     def _check_body(self) -> None:
         owner = f"stage {self.name!r}"
         for key in ("deactivate", "activate"):
             given = getattr(self, key)
-            names = [given] if isinstance(given, str) else _several(f"{owner}: {key}", given)
+            names = [given] if isinstance(given, str) else several(f"{owner}: {key}", given)
             for name in names:
                 if names.count(name) > 1:
                     raise LoadError(f"{owner} {key}s region {name!r} twice")
             object.__setattr__(self, key, tuple(names))
         for key, upper in (("release", 1.0), ("fill_pressure", np.inf)):
             value = getattr(self, key)
-            _check_finite(f"{owner}: {key}", value)
+            check_finite(f"{owner}: {key}", value)
             if not 0.0 <= value <= upper:
                 legal = "between 0 and 1" if upper == 1.0 else "zero or above (compression is positive here)"
                 raise LoadError(f"{owner}: {key} = {value:g} is not {legal}")

@@ -105,12 +105,41 @@ def _free(stage: StageTerms, body: NDArray[np.int64], modes: NDArray[np.float64]
     of_body = body[stage.constrained // 2]
     stiffness = np.zeros((count, 3, 3))
     np.add.at(stiffness, of_body, held[:, :, None] * held[:, None, :])
+    _add_ties(stiffness, stage, modes, body)
+    _add_springs(stiffness, stage, modes, body)
     values = np.linalg.eigvalsh(stiffness)
     found = []
     for number in np.flatnonzero(values[:, 0] <= _FREE * np.maximum(values[:, 2], 1.0)).tolist():
         free = [motion for k, motion in enumerate(_MOTIONS) if stiffness[number, k, k] <= _FREE]
         found.append((number, " and to ".join(free or [_MOTIONS[2]])))  # about another point than its middle
     return found
+
+
+def _add_ties(stiffness: NDArray[np.float64], stage: StageTerms, modes: NDArray[np.float64], body: NDArray) -> None:
+    """What rigid bodies do not let move: all but their own free motions."""
+    if stage.ties is None:
+        return
+    for motion in stage.ties.motions:
+        contact = motion.tie.contact
+        for number in np.unique(body[contact.nodes]).tolist():
+            mine = body[contact.nodes] == number
+            moves = modes[contact.dofs].reshape(-1, 2, 3)
+            if contact.normal is not None:
+                moves = contact.normal[:, :, None] * np.einsum("ni,nik->nk", contact.normal, moves)[:, None]
+            rest = moves[mine].reshape(-1, 3)
+            if motion.free.shape[1]:
+                free = np.stack([contact.displaced(direction) for direction in motion.free.T], axis=-1)
+                follows = free[mine].reshape(-1, free.shape[2])
+                rest = rest - follows @ (np.linalg.pinv(follows) @ rest)
+            stiffness[number] += rest.T @ rest
+
+
+def _add_springs(stiffness: NDArray[np.float64], stage: StageTerms, modes: NDArray[np.float64], body: NDArray) -> None:
+    for _, matrix in stage.springs:
+        scaled = matrix / abs(matrix).max()
+        for number in np.unique(body[np.unique(matrix.indices) // 2]).tolist():
+            mine = np.where((np.repeat(body, 2) == number)[:, None], modes, 0.0)
+            stiffness[number] += mine.T @ (scaled @ mine)
 
 
 def _regions(space: Space, body: NDArray[np.int64], number: int) -> str:

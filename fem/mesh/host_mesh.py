@@ -100,8 +100,55 @@ class HostMesh:
         if not whole.any():
             raise MeshError(f"no side of boundary {name!r} lies between x = {x}, y = {y}")
         if (inside & ~whole & ~at_end).any():
-            raise MeshError(f"a side of boundary {name!r} lies across an end of x = {x}, y = {y}")
+            raise MeshError(
+                f"a side of boundary {name!r} lies across an end of x = {x}, y = {y}; snap = true moves the ends to "
+                "the nearest nodes"
+            )
         return facets[whole]
+
+    def facets_near(
+        self, name: str, x: Sequence[float] | None = None, y: Sequence[float] | None = None
+    ) -> tuple[NDArray[np.int64], float]:
+        """Facets of the named curve between two places whose ends move to the nearest nodes.
+
+        Parameters
+        ----------
+        name : str
+        x, y : (float, float), optional
+            From, to [m].
+
+        Returns
+        -------
+        facets : ndarray of int
+            Those with more than half of their length between the places.
+        moved : float
+            By how much an end has moved, the larger one [m].
+
+        Raises
+        ------
+        MeshError
+            If the mesh has no such curve, or no side of an element lies for the larger part between.
+        """
+        facets = self.facets(name)
+        ends = self.mesh.p[:, self.mesh.facets[:, facets]]
+        inside = np.ones(ends.shape[2], dtype=bool)
+        middle = ends.mean(axis=1)
+        for axis, between in enumerate((x, y)):
+            if between is not None:
+                inside &= (middle[axis] >= min(between)) & (middle[axis] <= max(between))
+        if not inside.any():
+            raise MeshError(f"no side of boundary {name!r} lies for the larger part between x = {x}, y = {y}")
+        moved = 0.0
+        for axis, between in enumerate((x, y)):
+            if between is None:
+                continue
+            for place, low in ((min(between), True), (max(between), False)):
+                reached = ends[axis][:, inside].min() if low else ends[axis][:, inside].max()
+                whole = ends[axis].min() if low else ends[axis].max()
+                # a place beyond the end of the curve is no end of the part
+                if not (reached == whole and (place < whole if low else place > whole)):
+                    moved = max(moved, abs(float(reached) - place))
+        return facets[inside], moved
 
     def cells(self, name: str) -> NDArray[np.int64]:
         """Elements of the named surface.

@@ -107,3 +107,39 @@ def test_bearing_capacity_against_prandtl(solve_scene: Callable) -> None:
     assert prandtl < limit[1] < limit[0] < 1.1 * prandtl
     drawn_on = limit[1] - (limit[0] - limit[1]) * (1 / 24) / (1 / 16 - 1 / 24)
     assert drawn_on == pytest.approx(prandtl, rel=0.02)
+
+
+def test_bearing_capacity_factors_of_the_text() -> None:
+    """Prandtl, Reissner and Davis for sin phi = 0.3, cone with its apex at 1 kPa of tension, surcharge 100 kPa."""
+
+    def factors(sine: float) -> tuple[float, float]:
+        friction = np.arcsin(sine)
+        q = np.exp(np.pi * np.tan(friction)) * (1 + sine) / (1 - sine)
+        return float(q), float((q - 1) / np.tan(friction))
+
+    sine = 0.3
+    # psi = 0: eta = cos psi cos phi / (1 - sin psi sin phi) = cos phi, tan phi* = eta tan phi = sin phi
+    davis = float(np.sin(np.arctan(sine)))
+    (associated, cohesion), (cautious, less) = factors(sine), factors(davis)
+    assert (associated, cautious) == pytest.approx((4.988, 4.636), abs=6e-4)
+    assert (cohesion, less) == pytest.approx((12.7, 12.1), abs=0.06)
+    assert associated * 101 - 1 == pytest.approx(502.8, abs=0.06)
+    assert cautious * 101 - 1 == pytest.approx(467.2, abs=0.06)
+    assert np.degrees(np.arcsin(davis)) == pytest.approx(16.7, abs=0.01)
+
+
+@pytest.mark.slow
+def test_isochoric_flow_reaches_a_plateau_between_davis_and_prandtl(solve_scene: Callable) -> None:
+    """On one mesh: below associated flow, above associated flow at Davis's angle; led by the settlement as well."""
+    mesh = ("mesh.rectangle.nx=16", "mesh.rectangle.ny=8")
+    davis = 0.28735
+    angle = (f"material.peak_stress_ratio={davis}", f"material.first_yield_stress_ratio={davis * 0.29 / 0.3}")
+    loose = ("material.dilatancy=0.0", "solver.tolerance=1e-5", "solver.maximum_iterations=40")
+    plateau = {}
+    for name, sets in (("associated", ()), ("davis", angle), ("isochoric", loose)):
+        _, steps = solve_scene("footing_capacity", *mesh, *sets)
+        pushed = [step for step in steps if step.stage == "push" and step.fraction > 0.8]
+        late = np.array([-step.reactions["footing"][1] for step in pushed])
+        assert steps[-1].fraction == 1.0 and np.ptp(late) < 0.02 * late[-1]
+        plateau[name] = float(late.mean())
+    assert 1.02 * plateau["davis"] < plateau["isochoric"] < plateau["associated"]

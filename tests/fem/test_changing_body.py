@@ -206,11 +206,11 @@ def test_a_program_that_changes_no_body_has_none(plate):
 
 
 def test_one_analysis_for_each_body(plate, monkeypatch):
-    from granfabric.fem.equilibrium import residual
+    from granfabric.fem.equilibrium import unknowns
 
     made = []
-    original = residual.TangentAssembler
-    monkeypatch.setattr(residual, "TangentAssembler", lambda *given: made.append(1) or original(*given))
+    original = unknowns.TangentAssembler
+    monkeypatch.setattr(unknowns, "TangentAssembler", lambda *given: made.append(1) or original(*given))
     run(plate, PLASTIC, excavation(0.3, 0.6, 1.0), initial_stress=(-0.1, -0.1, 0.0))
     assert len(made) == 2
 

@@ -13,12 +13,11 @@ from granfabric.cases.scene import catalogue
 from granfabric.cases.scene.reader import load
 from granfabric.fem.equilibrium.stepping import solve
 from granfabric.fem.fenicsx.team import Team
+from granfabric.fem.loads.checks import LoadError
 
-FIELDS = sorted(
-    entry.name
-    for entry in catalogue.shipped().values()
-    if entry.kind == "field" and entry.name != "grains_biaxial"  # grains stay with the own host
-)
+OWN_ALONE = {"rigid_footing", "tunnel", "grains_biaxial"}
+"""Scenes with rigid bodies, springs or controls, with stages that change the body, or with grains at the points."""
+FIELDS = sorted({entry.name for entry in catalogue.shipped().values() if entry.kind == "field"} - OWN_ALONE)
 UNSTABLE = {"footing_capacity"}
 """Beyond its limit load Newton's iterates decide which of many solutions is found: compared by its reactions."""
 TIMES_TOLERANCE = 100.0
@@ -52,3 +51,12 @@ def test_both_hosts_agree(name: str) -> None:
         for boundary, pair in mine.reactions.items():
             assert np.abs(np.subtract(pair, yours.reactions[boundary])).max() <= tolerance * largest
         assert mine.iterations == pytest.approx(yours.iterations, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("scene", "words"), [("rigid_footing", "has a rigid body"), ("tunnel", "activates or deactivates regions")]
+)
+def test_what_this_host_does_not_know_is_refused_before_anything_is_computed(scene: str, words: str) -> None:
+    problem = prepare(load(scene, [])).problem
+    with Team() as team, pytest.raises(LoadError, match=f"{words}, which the host fenicsx does not know"):
+        team.solve(problem)
