@@ -15,8 +15,8 @@ from granfabric.fem.equilibrium.stepping import solve
 from granfabric.fem.fenicsx.team import Team
 from granfabric.fem.loads.checks import LoadError
 
-OWN_ALONE = {"rigid_footing", "tunnel"}
-"""Scenes with rigid bodies, springs or controls, or with stages that change the body."""
+OWN_ALONE = {"rigid_footing", "tunnel", "grains_biaxial"}
+"""Scenes with rigid bodies, springs or controls, with stages that change the body, or with grains at the points."""
 FIELDS = sorted({entry.name for entry in catalogue.shipped().values() if entry.kind == "field"} - OWN_ALONE)
 UNSTABLE = {"footing_capacity"}
 """Beyond its limit load Newton's iterates decide which of many solutions is found: compared by its reactions."""
