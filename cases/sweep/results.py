@@ -30,15 +30,15 @@ HOW: dict[str, Callable[[Array], Any]] = {
 }
 AT = "at"
 RATIO = "q/p"
-"""A column that no file has and every history gives."""
-FIELD_FAMILIES = ("displacement_", "reaction_")
-"""Columns of a field are further these, by boundary."""
+"""A column that no file has and every history gives; of the effective stress, where there is pore fluid."""
+FIELD_FAMILIES = ("displacement_", "reaction_", "rigid_", "spring_", "region_")
+"""Columns of a field are further these, by boundary or region."""
 MATERIAL, TIMING = "material.", "timing."
 """What a DEM run measured, and times of run.json."""
 
 COLUMNS: dict[str, tuple[str, ...]] = {
     "point": (*POINT_COLUMNS, *SLIDING_COLUMNS, *PORE_COLUMNS, RATIO),
-    "field": ("step", "fraction", *BODY, *NETWORK, *pore_columns.PORE, *COUNTS, RATIO),
+    "field": ("step", "fraction", *BODY, *NETWORK, *pore_columns.PORE, *COUNTS, "load_factor", RATIO),
     "dem": (*HISTORY_COLUMNS, RATIO),
 }
 DEFAULTS = {
@@ -149,8 +149,9 @@ def _history(folder: Path) -> dict[str, Array]:
         for name, values in table.items()
         if values and all(isinstance(value, float) for value in values)
     }
-    if "p" in numbers and "q" in numbers:
-        p, q = numbers["p"], numbers["q"]
+    carried = "effective_p" if "effective_p" in numbers else "p"  # by the grains, as everywhere else
+    if carried in numbers and "q" in numbers:
+        p, q = numbers[carried], numbers["q"]
         numbers[RATIO] = np.divide(q, p, out=np.full_like(q, math.nan), where=p > 0.0)
     return numbers
 

@@ -152,7 +152,8 @@ def resolve(space: Space, load: Load, stage: Stage, named: Named) -> None:
         for component in components:
             values = np.full(len(nodes), np.nan)
             if isinstance(load, Displacement):
-                values[:] = values_at(f"the displacement of {place}", load.value, (), *space.nodes[nodes].T)
+                owner = f"stage {stage.name!r}: the displacement of {place}"
+                values[:] = values_at(owner, load.value, (), *space.nodes[nodes].T)
             if (place, component) in named.constraints:
                 raise LoadError(f"stage {stage.name!r} prescribes component {component} of {place} twice")
             dofs = 2 * nodes + COMPONENTS.index(component)
@@ -161,13 +162,19 @@ def resolve(space: Space, load: Load, stage: Stage, named: Named) -> None:
     if isinstance(load, Spring):
         if load.boundary in named.springs:
             raise LoadError(f"stage {stage.name!r} has springs on boundary {load.boundary!r} twice")
-        named.springs[load.boundary] = (load, load.matrix(space))
+        try:
+            named.springs[load.boundary] = (load, load.matrix(space))
+        except LoadError as error:
+            raise _of_stage(stage, error) from None
         return
     if isinstance(load, RigidBody):
         key, vector = _tied(space, load, stage, named, amplitude)
         force = NodalForce(vector, amplitude, lambda other: vector)
     else:
-        key, vector = _force(space, load)
+        try:
+            key, vector = _force(space, load)
+        except LoadError as error:
+            raise _of_stage(stage, error) from None
         force = NodalForce(vector, amplitude, lambda other: _force(other, load)[1])
     if key in named.forces:
         raise LoadError(f"stage {stage.name!r} prescribes the {key[0]} on {key[1]!r} twice")
@@ -191,6 +198,12 @@ def _tied(space: Space, load: RigidBody, stage: Stage, named: Named, amplitude: 
     prescribed = (load.displacement[0] is not None, load.displacement[1] is not None, load.rotation != "free")
     named.ties[load.boundary] = Tie(contact, prescribed, target, amplitude)
     return (BODY, load.boundary), vector
+
+
+def _of_stage(stage: Stage, error: LoadError) -> LoadError:
+    """The same with the stage before it, unless it names the stage itself."""
+    text = str(error)
+    return LoadError(text if text.startswith("stage ") else f"stage {stage.name!r}: {text}")
 
 
 def _force(space: Space, load: Traction | Pressure | BodyForce) -> tuple[Key, Array]:

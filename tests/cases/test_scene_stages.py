@@ -152,6 +152,8 @@ def test_level_ground_is_in_balance(ground: Path) -> None:
         (["stage.0.name='start'"], "has to be named 'initial'"),
         (["initial.k0={all=0.5, most=0.6}"], "the region 'most' is unknown (legal: all); the nearest is 'all'"),
         (["initial.k0={}"], "k0 names no region"),
+        (["initial.k0={all=-0.5}"], "initial.k0.all = -0.5 is outside its bounds (0"),
+        (["initial.k0={all='half'}"], "initial.k0.all = 'half' is not a number"),
         (["initial.from='gravity'", "initial.balance=true"], "leave out balance"),
         (["stage.1.deactivate=['al']"], "the region 'al' is unknown (legal: all); the nearest is 'all'"),
         (["stage.1.deactivate=['all', 'all']"], "deactivate names region 'all' twice"),
