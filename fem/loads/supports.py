@@ -45,8 +45,8 @@ def bodies_of(space: Space, active: NDArray[np.bool_] | None = None) -> NDArray[
 def refuse_loose_bodies(space: Space, terms: Sequence[StageTerms]) -> None:
     """See that in each stage each of several bodies is held against moving and turning.
 
-    A single body may be free, in balance under its loads (see `free_motions`), but not once a part of it is gone or still
-    to come: then what is left of ground floats.
+    A single body may be free, in balance under its loads (see `free_motions`); where it was held at the outset, what
+    stages take away may not leave it free.
 
     Raises
     ------
