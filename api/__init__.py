@@ -6,6 +6,7 @@ What a first day needs; everything else is in the packages below it.
 - a field: `rectangle`, `read_mesh`, `Space`, `Stage` and its loads, `geostatic_stress`, `Problem`, `StepControl`,
   `solve`, `solve_to_folder`
 - scenes: `scene_names`, `load_scene`, `run_scene`, `read_material`
+- many runs: `sweep`, `SweepResults`
 - results: `read_results`
 - measured curves: `fit`, `compare_with_data`
 - disks: `make_packing`, `PackingOptions`, `read_grading`, `Segment`, `DemRun`, `RunOptions`, `load_packing`,

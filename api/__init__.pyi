@@ -65,5 +65,7 @@ from .scenes import load_scene as load_scene
 from .scenes import read_material as read_material
 from .scenes import run_scene as run_scene
 from .scenes import scene_names as scene_names
+from .sweeping import SweepResults as SweepResults
+from .sweeping import sweep as sweep
 
 __version__: str

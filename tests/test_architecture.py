@@ -30,7 +30,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "dem_ref": {"numpy", "numba", "scipy.spatial"},
     "cases": {
-        *("numpy", "numba", "scipy", "meshio", "matplotlib", "pydantic", "typer", "rich"),
+        *("numpy", "numba", "scipy", "meshio", "matplotlib", "pydantic", "typer", "rich", "distributed", "llvmlite"),
         *("granfabric.constitutive", "granfabric.fem", "granfabric.dem_ref"),
     },
 }
@@ -52,8 +52,8 @@ FLOORS: dict[str, tuple[str, ...]] = {
         *("preparation", "ensemble"),
     ),
     "cases": (
-        *("errors", "terminal", "scene", "records", "field", "pictures", "effects", "fit", "verify", "cost"),
-        *("commands", "__main__"),
+        *("errors", "terminal", "scene", "records", "engine", "field", "pictures", "effects", "fit", "verify", "cost"),
+        *("sweep", "commands", "__main__"),
     ),
 }
 """Folders and files of each room, lowest first: a line imports from its own folder and from those before it."""

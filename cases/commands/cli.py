@@ -16,6 +16,7 @@ import typer
 
 from granfabric.cases.errors import InputError, RunError
 
+from .engine_options import MapWorkersOption, SchedulerOption, ThreadsEachOption, ThreadsOption
 from .fit_options import CurvesArgument, DataOption, DataSetOption, FitOutputOption, FreeOption, MaterialFileOption
 from .hosts import HostOption, assists, leading
 from .picture_options import add_to, exit_by
@@ -24,7 +25,6 @@ from .verify_options import (
     PackingSetOption,
     ParticlesOption,
     PathsOption,
-    ProcessesOption,
     QuickOption,
     SeedsOption,
 )
@@ -150,6 +150,7 @@ def run(
     overwrite: OverwriteOption = False,
     assignments: SetOption = None,
     upgrade: UpgradeOption = False,
+    threads: ThreadsOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
     host: HostOption = "own",
@@ -186,6 +187,7 @@ def point(
     overwrite: OverwriteOption = False,
     assignments: SetOption = None,
     upgrade: UpgradeOption = False,
+    threads: ThreadsOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:
@@ -208,26 +210,6 @@ def point(
 
 
 @app.command()
-def dem(
-    scene: SceneArgument,
-    output: OutputOption = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue the run in the folder.")] = False,
-    overwrite: OverwriteOption = False,
-    assignments: SetOption = None,
-    quiet: QuietOption = False,
-    verbose: VerboseOption = False,
-) -> None:
-    """Pack and load disks by the discrete element method; measure the inputs of the point law."""
-    with _speaking(quiet, verbose) as screen:
-        from granfabric.cases.scene.reader import load
-
-        from .dem import run_dem
-
-        loaded = load(scene, assignments or [])
-        exit_by(run_dem(loaded, _folder(output, loaded.name), screen, resume, overwrite).outcome)
-
-
-@app.command()
 def verify(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Result folder; DEM runs in it are used again.")
@@ -239,7 +221,9 @@ def verify(
     assignments: PackingSetOption = None,
     data: DataOption = None,
     quick: QuickOption = False,
-    processes: ProcessesOption = None,
+    workers: MapWorkersOption = None,
+    scheduler: SchedulerOption = None,
+    threads: ThreadsEachOption = None,
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
@@ -249,10 +233,12 @@ def verify(
     With --paths, --materials, --set or --quick a map of materials by paths. With --data the law alone against curves.
     """
     with _speaking(quiet, verbose) as screen:
+        from granfabric.cases.engine.choice import Choice
+
         from .verify_kinds import verify_as_asked
 
-        choice = (particles, seeds, paths, materials, assignments or [], data or [], quick, processes)
-        exit_by(verify_as_asked(output, *choice, screen, overwrite).outcome)
+        asked = (particles, seeds, paths, materials, assignments or [], data or [], quick)
+        exit_by(verify_as_asked(output, *asked, Choice(workers, scheduler, threads), screen, overwrite).outcome)
 
 
 @app.command()
@@ -273,26 +259,6 @@ def fit(
         folder = _folder(output, f"{Path(curves[0]).stem}_fit")
         record, _ = run_fit(curves_of(curves), folder, screen, free or [], material_file, assignments or [], overwrite)
         exit_by(record.outcome)
-
-
-@app.command()
-def cost(
-    study: Annotated[Optional[str], typer.Argument(metavar="[STUDY]", help="One study; all if not given.")] = None,  # noqa: UP045
-    output: Annotated[
-        Path,
-        typer.Option("-o", "--output", metavar="DIR", help="Result folder; studies in it that are not asked for stay."),
-    ] = Path("results/cost"),
-    quick: Annotated[bool, typer.Option("--quick", help="Few and small settings, for a first impression.")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Skip studies that have finished in DIR.")] = False,
-    overwrite: OverwriteOption = False,
-    quiet: QuietOption = False,
-    verbose: VerboseOption = False,
-) -> None:
-    """Measure what accuracy costs in time: tables, work-precision pictures, one page."""
-    with _speaking(quiet, verbose) as screen:
-        from .cost import run_cost
-
-        exit_by(run_cost(study, output, screen, quick, resume, overwrite).outcome)
 
 
 @app.command()
@@ -417,12 +383,14 @@ def plot(
 ) -> None:
     """Make the pictures of a run from its files."""
     from granfabric.cases.pictures.draw import draw_folder
+    from granfabric.cases.sweep.pictures import draw_sweep_folder
 
-    for file in draw_folder(directory):
+    for file in draw_sweep_folder(directory) or draw_folder(directory):
         typer.echo(str(file))
 
 
-from . import cli_measure as cli_measure  # noqa: E402  (takes what stands above, and adds its command)
+from . import cli_many as cli_many  # noqa: E402  (they take what stands above, and add their commands)
+from . import cli_measure as cli_measure  # noqa: E402
 
 add_to(app)
 

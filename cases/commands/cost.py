@@ -6,7 +6,7 @@ import math
 import os
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,10 +15,13 @@ from typing import Any
 from granfabric.cases.cost.catalogue import STUDIES, chosen
 from granfabric.cases.cost.page import page
 from granfabric.cases.cost.study import Effort, Row, Study, StudyError, StudyStopped
+from granfabric.cases.cost.work import compute_study
+from granfabric.cases.engine.choice import Choice
+from granfabric.cases.engine.jobs import Ended, Job
+from granfabric.cases.engine.machine import threads
 from granfabric.cases.errors import InputError, RunError
 from granfabric.cases.records import files, lock
 from granfabric.cases.records.record import versions
-from granfabric.cases.terminal.clock import one_thread
 from granfabric.cases.terminal.compile_watch import watching
 from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen
@@ -56,6 +59,7 @@ def run_cost(
     quick: bool = False,
     resume: bool = False,
     overwrite: bool = False,
+    choice: Choice | None = None,
 ) -> Outcome:
     """Compute the named study, or all, and write table, picture and page.
 
@@ -76,6 +80,9 @@ def run_cost(
         Pass over studies that finished in this folder, in the same size.
     overwrite : bool
         Replace the results of another command.
+    choice : Choice, optional
+        Who computes the studies; this process, one after the other, if not given. Side by side they disturb each
+        other's times a little, and nothing else of the tables.
 
     Raises
     ------
@@ -85,37 +92,53 @@ def run_cost(
         If a study could not be computed; the others are on disk.
     """
     asked = chosen(name)
+    choice = choice or Choice()
+    choice.check()
     _take_folder(folder, overwrite)
     with lock.held(folder):
-        return _run(asked, folder, screen, quick, resume)
+        return _run(asked, folder, screen, quick, resume, choice)
 
 
-def _run(asked: Sequence[Study], folder: Path, screen: Screen, quick: bool, resume: bool) -> Outcome:
+def _run(
+    asked: Sequence[Study], folder: Path, screen: Screen, quick: bool, resume: bool, choice: Choice
+) -> Outcome:
     """Compute studies in a folder that is held."""
     record = _begin(folder)
     screen.keep_log(folder / files.LOG, versions())
     studies = [study for study in asked if not (resume and record["studies"].get(study.name, {}).get("quick") is quick)]
     done: list[str] = []
     failed: list[str] = []
+
+    def finish(study: Study, rows: list[Row], duration: float) -> None:
+        _write(folder, record, study, rows, duration, quick)
+        done.append(study.name)
+        for text in record["studies"][study.name]["findings"]:
+            screen.say(f"  {text}")
+
+    def fail(study: Study, why: str) -> None:
+        failed.append(f"study {study.name}: {why}")
+        screen.say(failed[-1])
+
     with (
         watching(screen.announce_compilation(COMPILATION_SECONDS)),
         interrupt_request(lambda: screen.say("stopping (Ctrl-C again stops at once)")) as stop,
-        one_thread(),
+        threads(choice.threads or 1),
     ):
-        for place, study in enumerate(studies):
+        side_by_side = choice.scheduler is not None or (choice.workers or 1) > 1
+        if side_by_side:
+            _side_by_side(studies, choice, folder, screen, quick, stop, finish, fail)
+            if stop.requested:
+                return _stopped(studies, done, folder, screen)
+        for place, study in enumerate([] if side_by_side else studies):
             screen.say(f"study {place + 1} of {len(studies)}, {study.name}: {study.question}")
             try:
                 rows, duration = _compute(study, quick, screen, stop, folder / STORE)
             except (StudyStopped, KeyboardInterrupt):
                 return _stopped(studies, done, folder, screen)
             except StudyError as error:
-                failed.append(f"study {study.name}: {error}")
-                screen.say(failed[-1])
+                fail(study, str(error))
                 continue
-            _write(folder, record, study, rows, duration, quick)
-            done.append(study.name)
-            for text in record["studies"][study.name]["findings"]:
-                screen.say(f"  {text}")
+            finish(study, rows, duration)
     kept = [other for other in record["studies"] if other not in done]
     if kept:
         screen.say(f"kept from earlier: {', '.join(kept)}")
@@ -151,6 +174,42 @@ def _compute(study: Study, quick: bool, screen: Screen, stop: Any, store: Path) 
 
         rows = study.rows(Effort(quick, QUICK_ROUNDS if quick else ROUNDS, advance, store))
     return rows, time.perf_counter() - since
+
+
+def _side_by_side(
+    studies: Sequence[Study],
+    choice: Choice,
+    folder: Path,
+    screen: Screen,
+    quick: bool,
+    stop: Any,
+    finish: Callable[[Study, list[Row], float], None],
+    fail: Callable[[Study, str], None],
+) -> None:
+    """Studies as pieces of work of their own; each is written by this process when it has finished."""
+    named = {study.name: study for study in studies}
+    with choice.engine(folder, screen, stop, len(studies)) as engine, screen.progress("cost", len(studies)) as show:
+        screen.say(f"{len(studies)} {'study' if len(studies) == 1 else 'studies'}; {engine.text}")
+        ended = 0
+
+        def follow(job: Job, came: Ended) -> list[Job]:
+            nonlocal ended
+            ended += 1
+            study, work = named[job.key], came.value
+            if isinstance(came.error, OSError):
+                raise RunError(f"results cannot be written any more: {came.error}")
+            if came.error is not None or work.failure:
+                fail(study, str(came.error) if came.error is not None else work.failure)
+            elif not work.stopped:
+                screen.say(f"study {study.name}: {study.question}")
+                finish(study, work.rows, work.duration)
+            return []
+
+        arguments = (quick, QUICK_ROUNDS if quick else ROUNDS, folder / STORE)
+        function = f"{compute_study.__module__}:{compute_study.__name__}"
+        kernels = ("mean_field", "shifted_distribution", "host", "dem")
+        jobs = [Job(name, name, function, (name, *arguments), kernels) for name in named]
+        engine.carry_out(jobs, follow, lambda work: show(ended + sum(work.values()), "; ".join(work)), stop)
 
 
 def _take_folder(folder: Path, overwrite: bool) -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.cases.engine.choice import Choice
+from granfabric.cases.engine.jobs import Ended, Job
 from granfabric.cases.errors import InputError
 from granfabric.cases.records import files
 from granfabric.cases.records.record import Record, versions
@@ -17,18 +19,14 @@ from granfabric.cases.scene.owner import Owner
 from granfabric.cases.terminal.compile_watch import watching
 from granfabric.cases.terminal.interruption import InterruptRequest, interrupt_request
 from granfabric.cases.terminal.screen import Screen
+from granfabric.cases.verify import dem_side
 from granfabric.cases.verify.closures import CLOSURE_COLUMNS, PROBE_COLUMNS, closure_rows, probe_rows
-from granfabric.cases.verify.dem_side import LOADINGS, STORE, DemStore, RunGivenUpError, SeedResult, Stopped
+from granfabric.cases.verify.dem_side import DEM_ERRORS, LOADINGS, STORE, DemStore, RunGivenUpError, SeedResult, Stopped
 from granfabric.cases.verify.evaluate import evaluate
 from granfabric.cases.verify.paths import PATH_COLUMNS
 from granfabric.cases.verify.study import Study
 from granfabric.cases.verify.table import COLUMNS, TABLE_LEVELS, Comparison, largest_errors
 from granfabric.constitutive.parameters import ParameterError
-from granfabric.dem_ref.dynamics.motion import UnstableMotionError
-from granfabric.dem_ref.dynamics.packing import PackingError
-from granfabric.dem_ref.inputs.probes import ProbeError
-from granfabric.dem_ref.sample.disks import SampleError
-from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 
 Array = NDArray[np.float64]
 
@@ -37,11 +35,16 @@ LEAST_PARTICLES, MOST_PARTICLES, MOST_SEEDS = 200, 200_000, 100
 COMPILATION_SECONDS = 60
 TITLE = "Point law against DEM"
 OWNER = Owner("verify", "verify", TITLE)
-DEM_ERRORS = (PackingError, ProbeError, SampleError, CellTooSmallError, UnstableMotionError, RunGivenUpError)
-"""What ends the DEM's part with a sentence."""
 
 
-def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwrite: bool = False) -> Record:
+def run_verify(
+    folder: Path,
+    particles: int,
+    seeds: int,
+    screen: Screen,
+    overwrite: bool = False,
+    choice: Choice | None = None,
+) -> Record:
     """Compare the point law with the DEM on the source's two loadings and write tables and figures.
 
     DEM runs of the same input in the folder are used again; begun ones are finished.
@@ -57,6 +60,8 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwri
     screen : Screen
     overwrite : bool
         Replace results of a scene too.
+    choice : Choice, optional
+        Who computes the packings; this process, one after the other, if not given.
 
     Returns
     -------
@@ -71,6 +76,8 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwri
         If the run broke off; finished DEM runs are on disk.
     """
     refuse_numbers(particles, seeds)
+    choice = choice or Choice()
+    choice.check()
     with files.held(folder, OWNER, overwrite):
         files.prepare_output(folder, OWNER, overwrite)
         numbers = list(range(1, seeds + 1))
@@ -85,7 +92,12 @@ def run_verify(folder: Path, particles: int, seeds: int, screen: Screen, overwri
         ):
             try:
                 with record.phase("dem", watch):
+                    computed: set[int] = set()
+                    if choice.workers or choice.scheduler:
+                        computed = _side_by_side(folder / STORE, particles, numbers, choice, screen, stop)
                     results = _measured(DemStore(folder / STORE, particles, watch.clock), numbers, screen, stop)
+                    for result in results:
+                        result.computed = result.computed or result.seed in computed
                 with record.phase("model", watch):
                     study = evaluate(results)
             except Stopped:
@@ -121,6 +133,45 @@ def refuse_numbers(particles: int | None, seeds: int | None) -> None:
     ):
         if value is not None and not least <= value <= most:
             raise InputError(f"{name} {value} is outside [{least}, {most}]")
+
+
+def _side_by_side(
+    store: Path, particles: int, seeds: Sequence[int], choice: Choice, screen: Screen, stop: InterruptRequest
+) -> set[int]:
+    """Have the DEM's results of all seeds computed; they are read from their folder afterwards.
+
+    Returns
+    -------
+    set of int
+        Seeds that were not there already.
+    """
+    store.mkdir(exist_ok=True)
+    failed: list[str] = []
+    computed: set[int] = set()
+    with choice.engine(store, screen, stop, len(seeds)) as engine, screen.progress("DEM", float(len(seeds))) as advance:
+        screen.say(f"{len(seeds)} packings; {engine.text}")
+        done = 0
+
+        def follow(job: Job, ended: Ended) -> list[Job]:
+            nonlocal done
+            done += 1
+            if isinstance(ended.error, OSError):
+                raise ended.error
+            said, new = (str(ended.error), True) if ended.error is not None else ended.value
+            if said:
+                failed.append(said)
+            elif new:
+                computed.add(job.arguments[2])
+            return []
+
+        function = f"{dem_side.__name__}:complete_seed"
+        jobs = [Job(f"seed-{s}", f"seed {s}", function, (store, particles, s), ("dem",)) for s in seeds]
+        engine.carry_out(jobs, follow, lambda work: advance(done + sum(work.values()), "; ".join(work)), stop)
+    if failed:
+        raise RunGivenUpError("; ".join(failed))
+    if stop.requested:
+        raise Stopped
+    return computed
 
 
 def _measured(store: DemStore, seeds: Sequence[int], screen: Screen, stop: InterruptRequest) -> list[SeedResult]:

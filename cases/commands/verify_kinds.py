@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from granfabric.cases.engine.choice import Choice
 from granfabric.cases.errors import InputError
 from granfabric.cases.records.record import Record
 from granfabric.cases.terminal.screen import Screen
@@ -19,7 +20,7 @@ def verify_as_asked(
     assignments: Sequence[str],
     data: Sequence[str],
     quick: bool,
-    processes: int | None,
+    choice: Choice,
     screen: Screen,
     overwrite: bool,
 ) -> Record:
@@ -33,8 +34,9 @@ def verify_as_asked(
         If the run broke off.
     """
     if data:
-        given = {"--paths": paths, "--materials": materials, "--quick": quick or None, "--processes": processes}
-        given |= {"--particles": particles, "--seeds": seeds}
+        given: dict[str, object] = {"--paths": paths, "--materials": materials, "--quick": quick or None}
+        given |= {"--particles": particles, "--seeds": seeds, "--workers": choice.workers}
+        given |= {"--scheduler": choice.scheduler}
         for name, value in given.items():
             if value is not None:
                 raise InputError(f"{name} is of comparisons with the DEM; --data compares with curves")
@@ -44,10 +46,8 @@ def verify_as_asked(
     from .verify import PARTICLES, SEEDS, run_verify
     from .verify_map import MapRequest, run_map
 
-    request = MapRequest(paths, materials, assignments, quick, particles, seeds, processes)
+    request = MapRequest(paths, materials, assignments, quick, particles, seeds, choice)
     if request.is_map:
         return run_map(request, folder, screen, overwrite)
-    if processes is not None:
-        raise InputError("--processes goes with a map: --paths, --materials, --set or --quick")
     numbers = (PARTICLES if particles is None else particles, SEEDS if seeds is None else seeds)
-    return run_verify(folder, *numbers, screen, overwrite)
+    return run_verify(folder, *numbers, screen, overwrite, choice)

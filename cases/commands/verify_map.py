@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from granfabric.cases.errors import InputError
+from granfabric.cases.engine.choice import Choice
+from granfabric.cases.engine.jobs import Ended, Engine, Job, WorkerLost
 from granfabric.cases.records import files
 from granfabric.cases.records.record import Record, versions
 from granfabric.cases.scene.material_file import material_text
@@ -24,12 +25,10 @@ from granfabric.cases.verify.map.paths import chosen_paths
 from granfabric.cases.verify.map.result import MapPlan, MapResult, following, result_of
 from granfabric.cases.verify.map.table import PAIRS, blocks, markdown, told_closures
 from granfabric.cases.verify.map.tasks import INPUTS, KERNELS, LAW, PACKING, Done, Task, slug
-from granfabric.cases.verify.map.workers import carry_out_all, cores
 
 from .verify import COMPILATION_SECONDS, OWNER, PARTICLES, SEEDS, TITLE, refuse_numbers
 
 QUICK_PARTICLES, QUICK_SEEDS = 400, 2
-MOST_PROCESSES = 1000
 TABLE, CURVES, PAGE = "map.csv", "map_curves.csv", "map.md"
 
 
@@ -45,7 +44,9 @@ class MapRequest:
         ``material.KEY=VALUE`` for every packing.
     quick : bool
         Few and small packings, and where nothing else is said a few materials and paths.
-    particles, seeds, processes : int or None
+    particles, seeds : int or None
+    choice : Choice
+        Who computes.
     """
 
     paths: str | None = None
@@ -54,7 +55,7 @@ class MapRequest:
     quick: bool = False
     particles: int | None = None
     seeds: int | None = None
-    processes: int | None = None
+    choice: Choice = field(default_factory=Choice)
 
     @property
     def is_map(self) -> bool:
@@ -105,10 +106,8 @@ def run_map(request: MapRequest, folder: Path, screen: Screen, overwrite: bool =
         If the run broke off; finished parts of the DEM are on disk.
     """
     refuse_numbers(request.particles, request.seeds)
-    if request.processes is not None and not 1 <= request.processes <= MOST_PROCESSES:
-        raise InputError(f"--processes {request.processes} is outside [1, {MOST_PROCESSES}]")
+    request.choice.check()
     plan = request.plan()
-    processes = request.processes or cores()
     owner = Owner(OWNER.kind, OWNER.name, OWNER.title)
     with files.held(folder, owner, overwrite):
         files.prepare_output(folder, owner, overwrite)
@@ -119,7 +118,7 @@ def run_map(request: MapRequest, folder: Path, screen: Screen, overwrite: bool =
             with interrupt_request(screen.announce_stop) as stop:
                 try:
                     with record.phase("dem_and_law", watch):
-                        _compute(plan, folder / STORE, processes, screen, stop)
+                        record.details["processes"] = _compute(plan, folder / STORE, request.choice, screen, stop)
                     if stop.requested:
                         record.outcome = "stopped"
                         record.message = "stopped; the same command goes on from here"
@@ -135,7 +134,6 @@ def run_map(request: MapRequest, folder: Path, screen: Screen, overwrite: bool =
                     _write(result, plan, record)
                 except KeyboardInterrupt as error:
                     raise record.broken_off("interrupted while drawing; the same command goes on from here") from error
-        record.details["processes"] = processes
         record.details["computed_now"] = _computed(plan)
         record.details["seconds"] = _seconds(plan)
         record.write()
@@ -156,15 +154,20 @@ def _scene(plan: MapPlan) -> dict[str, Any]:
     }
 
 
-def _compute(plan: MapPlan, store: Path, processes: int, screen: Screen, stop: InterruptRequest) -> None:
-    """The DEM and the law, side by side."""
+def _compute(plan: MapPlan, store: Path, choice: Choice, screen: Screen, stop: InterruptRequest) -> int:
+    """The DEM and the law, side by side; by how many."""
+    store.mkdir(exist_ok=True)
+    with choice.engine(store, screen, stop) as engine:
+        _compute_by(engine, plan, store, screen, stop)
+        return engine.workers
+
+
+def _compute_by(engine: Engine, plan: MapPlan, store: Path, screen: Screen, stop: InterruptRequest) -> None:
     counts = ((len(plan.materials), "material"), (len(plan.paths), "path"), (len(plan.seeds), "packing"))
     said = ", ".join(f"{count} {word}{'s' if count > 1 else ''}" for count, word in counts)
-    screen.say(
-        f"{said} a material of {plan.particles} disks; {processes} process{'es' if processes > 1 else ''} side by side"
-    )
+    screen.say(f"{said} a material of {plan.particles} disks; {engine.text}")
     first = [Task(store, plan.particles, material, seed, PACKING) for material, seed in plan.first]
-    if processes > 1:
+    if engine.workers > 1:
         plan.compiling = True
         first.insert(1, Task(store, plan.particles, plan.materials[0], 0, KERNELS, closures=plan.closures))
     with screen.progress("map", float(plan.size)) as advance:
@@ -172,11 +175,16 @@ def _compute(plan: MapPlan, store: Path, processes: int, screen: Screen, stop: I
         def watched(at_work: dict[str, float]) -> None:
             advance(len(plan.done) + sum(at_work.values()), "; ".join(at_work))
 
-        def follow(task: Task, done: Done) -> list[Task]:
+        def follow(job: Job, ended: Ended) -> list[Job]:
+            task, done = job.arguments[0], ended.value
+            if isinstance(ended.error, WorkerLost):
+                done = Done(failure=str(ended.error))
+            elif ended.error is not None:
+                raise ended.error
             _say(task, done, screen)
-            return following(plan, task, done)
+            return [task.job for task in following(plan, task, done)]
 
-        carry_out_all(first, follow, processes, watched, stop)
+        engine.carry_out([task.job for task in first], follow, watched, stop)
 
 
 def _say(task: Task, done: Done, screen: Screen) -> None:

@@ -35,7 +35,3 @@ PackingSetOption = Annotated[
 QuickOption = Annotated[
     bool, typer.Option("--quick", help="Map: small packings, few materials and paths if not given; two minutes.")
 ]
-ProcessesOption = Annotated[
-    Optional[int],  # noqa: UP045
-    typer.Option("--processes", metavar="N", help="Map: processes at work side by side, one a core if not given."),
-]

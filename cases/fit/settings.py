@@ -292,9 +292,10 @@ def _origin(name: str, found: Given, rows: set[str]) -> str:
 
 
 def _effects(settings: Any, sliding: bool) -> Effects:
-    """Effects as asked for; those on "auto" are on, sliding if there are parameters for it."""
+    """Effects as asked for; those on "auto" are on, sliding if there are parameters for it, pore fluid never."""
     said = settings.effects.model_dump(exclude={"tolerance"})
-    chosen = {name: value if isinstance(value, bool) else name != "sliding" or sliding for name, value in said.items()}
+    auto = dict.fromkeys(said, True) | {"sliding": sliding, "pore_fluid": False}
+    chosen = {name: value if isinstance(value, bool) else auto[name] for name, value in said.items()}
     try:
         return Effects(**chosen)
     except ParameterError as error:

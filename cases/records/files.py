@@ -28,6 +28,7 @@ CHECKPOINT = "checkpoint.npz"
 MATERIAL = "material.toml"
 FAILED_POINT = "failed_point.toml"
 OF_DATA = ("fit.csv", "fit.png", "data.csv", "data.png")
+OF_SWEEP = ("index.csv", "results.csv", "results.png", "scatter.csv")
 PICTURES = (
     *("overview.png", "microvariables.png", "fabric_decomposition.png", "stress_strain.png", "packing.png"),
     "distributions.png",
@@ -43,6 +44,7 @@ OWN_FILES = (
     *(RECORD, HISTORY, LOG, SCENE, FAILED_POINT, PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
     *(MATERIAL, COMPARISON, MESH_ERROR, *TABLES, *(f"{name}.pvd" for name in SERIES), *PICTURES),
     *OF_DATA,
+    *OF_SWEEP,
 )
 CHECKPOINTS = ("checkpoint_*.npz", ".checkpoint*")
 OF_MAP = ("map_*.png", "material_*.toml")

@@ -32,6 +32,10 @@ ATTEMPTS, PAUSE = 5, 0.05
 _kept: ContextVar[tuple[ExitStack, set[Path]] | None] = ContextVar("kept", default=None)
 
 
+class HeldError(InputError):
+    """Another run holds the folder."""
+
+
 @contextmanager
 def command() -> Iterator[None]:
     """Folders that are held within the block stay so to its end: what a command writes after its run belongs to it."""
@@ -194,10 +198,10 @@ def _lives(process: int) -> bool:
     return True
 
 
-def _refusal(folder: Path, more: str = "") -> InputError:
+def _refusal(folder: Path, more: str = "") -> HeldError:
     said = _read(folder)
     who = f" (process {said.get('process', '?')} on {said.get('host', '?')}, since {said.get('since', '?')})"
-    return InputError(
+    return HeldError(
         f"another run is at work in the output folder {str(folder)!r}{who if said else ''}; wait for its end or "
         f"choose another folder with -o{more}"
     )

@@ -269,15 +269,15 @@ PATH_KEYS = (("mesh", "file"), ("material_file",), ("packing", "grading_file"))
 """Keys that name a file."""
 
 
-def _from_here(table: dict[str, Any], path: tuple[str, ...]) -> None:
+def _from_here(table: dict[str, Any], path: tuple[str, ...], here: Path) -> None:
     """Make a path that was given by `--set` absolute: it is meant from the working folder, not from the scene's."""
     for key in PATH_KEYS:
         value = value_at(table, key) if path == key[: len(path)] else None
         if isinstance(value, str) and value and (key != ("material_file",) or catalogue.is_path(value)):
-            value_at(table, key[:-1])[key[-1]] = os.path.abspath(Path(value).expanduser())
+            value_at(table, key[:-1])[key[-1]] = os.path.abspath(here / Path(value).expanduser())
 
 
-def load(scene: str, assignments: Sequence[str] = ()) -> LoadedScene:
+def load(scene: str, assignments: Sequence[str] = (), here: Path | None = None) -> LoadedScene:
     """Find, read, change and check a scene.
 
     Parameters
@@ -289,6 +289,8 @@ def load(scene: str, assignments: Sequence[str] = ()) -> LoadedScene:
         scene's own keys; those of ``material_file=...`` given here replace them (but see ``[materials.NAME]`` in
         `docs/scenes.md`) and yield to keys given here. Paths are relative to where they are written: the working folder
         here, the folder of the file there.
+    here : Path, optional
+        The working folder, if it is not that of this process.
 
     Raises
     ------
@@ -304,10 +306,10 @@ def load(scene: str, assignments: Sequence[str] = ()) -> LoadedScene:
     assigned = []
     for path, value in parsed:
         taken = assign(table, path, value)
-        _from_here(table, path)
+        _from_here(table, path, here or Path())
         assigned.append(taken)
         if path == ("material_file",):
-            new = _include_material(table, Path(), included, wins=True)
+            new = _include_material(table, here or Path(), included, wins=True)
             included = new or included
     table.setdefault("title", _title(file))
     kind = kind_of(table)

@@ -32,11 +32,17 @@ class Screen:
         Nothing but warnings and failures. The log file gets everything all the same.
     verbose : bool
         Also each step, and what solvers note down.
+
+    Attributes
+    ----------
+    command : sequence of str or None
+        Words after the program's name for the first line of the log file; those of this process if None.
     """
 
     def __init__(self, console: Console | None = None, quiet: bool = False, verbose: bool = False) -> None:
         self.console = console or Console(highlight=False)
         self.quiet, self.verbose = quiet, verbose and not quiet
+        self.command: Sequence[str] | None = None
         self._log: Path | None = None
         self._early: list[str] = []
         if not self.console.is_terminal:
@@ -79,7 +85,7 @@ class Screen:
         if self._log == file:
             return
         early, self._early, self._log = self._early, [], file
-        self.log(" ".join(["granfabric", *map(_quoted, sys.argv[1:])]))
+        self.log(" ".join(["granfabric", *map(_quoted, sys.argv[1:] if self.command is None else self.command)]))
         self.log(", ".join(f"{name} {text}" for name, text in versions.items()))
         try:
             with file.open("a", encoding="utf-8") as open_file:

@@ -13,12 +13,15 @@ from typing import Any
 from granfabric.cases.records import files
 from granfabric.cases.records.dem_series import history_text
 from granfabric.cases.scene.measured import Inputs, as_data, from_data, measure_inputs
+from granfabric.cases.terminal.compile_watch import watching
 from granfabric.dem_ref.compilation import sources_mark
-from granfabric.dem_ref.dynamics.packing import make_packing
-from granfabric.dem_ref.inputs.probes import is_at_rest
+from granfabric.dem_ref.dynamics.motion import UnstableMotionError
+from granfabric.dem_ref.dynamics.packing import PackingError, make_packing
+from granfabric.dem_ref.inputs.probes import ProbeError, is_at_rest
 from granfabric.dem_ref.loading.path import biaxial_test
 from granfabric.dem_ref.loading.run import DemRun, RunOptions
 from granfabric.dem_ref.sample.disks import Sample, SampleError, load_sample, save_sample
+from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 
 from .paths import PATHS
 from .probes import dem_probes
@@ -84,6 +87,10 @@ class SeedResult:
 
 class RunGivenUpError(RuntimeError):
     """A DEM run ended before the end of its path; the text says of which packing, and why."""
+
+
+DEM_ERRORS = (PackingError, ProbeError, SampleError, CellTooSmallError, UnstableMotionError, RunGivenUpError)
+"""What ends the DEM's part with a sentence."""
 
 
 class Stopped(Exception):
@@ -228,3 +235,32 @@ class DemStore:
         since = self._clock()
         yield
         notes["seconds"][name] = notes["seconds"].get(name, 0.0) + self._clock() - since
+
+
+def complete_seed(
+    folder: Path, particles: int, seed: int, report: Callable[[float], None], stop: Callable[[], bool]
+) -> tuple[str, bool]:
+    """All results of a seed in the folder, as a piece of work of its own.
+
+    Parameters
+    ----------
+    folder : Path
+    particles, seed : int
+    report, stop : callable
+
+    Returns
+    -------
+    failure : str
+        Why they are not there, if so.
+    computed : bool
+        Rather than read.
+    """
+    with watching(lambda: None) as watch:
+        store = DemStore(folder, particles, watch.clock)
+        try:
+            result = store.complete(seed, lambda text, fraction: report(fraction), stop)
+        except Stopped:
+            return "", True
+        except DEM_ERRORS as error:
+            return str(error), True
+    return "", result.computed

@@ -16,7 +16,7 @@ import pytest
 import granfabric as gf
 
 HOME = Path(__file__).resolve().parents[2]
-FRONT = ("scenes", "field", "fitting", "results", "packing")
+FRONT = ("scenes", "field", "fitting", "results", "packing", "sweeping")
 
 
 def test_every_name_is_there() -> None:

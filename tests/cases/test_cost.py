@@ -26,6 +26,7 @@ from granfabric.cases.cost.load_steps import QUANTITIES
 from granfabric.cases.cost.load_steps import order as load_step_order
 from granfabric.cases.cost.mesh import order as mesh_order
 from granfabric.cases.cost.study import Effort, StudyError
+from granfabric.cases.engine.choice import Choice
 from granfabric.cases.errors import RunError
 from granfabric.cases.records import files
 from granfabric.cases.terminal import clock
@@ -318,6 +319,21 @@ def test_one_study_is_computed_anew_and_the_others_stay(folder: Path) -> None:
         if name != "mesh":
             assert (folder / f"{name}.csv").read_bytes() == before[name]
     assert list(json.loads((folder / "cost.json").read_text())["studies"]) == list(STUDIES)
+
+
+def test_studies_side_by_side_find_the_same(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But for their times, which they disturb."""
+    names = ("arcs", "distributions")
+    monkeypatch.setattr(command, "chosen", lambda name: [STUDIES[name] for name in names])
+    screen, text = silent_screen()
+    done = command.run_cost(None, tmp_path / "both", screen, quick=True, choice=Choice(workers=2))
+    assert done.outcome == "finished" and set(done.studies) == set(names) and "2 processes" in text.getvalue()
+    for name in names:
+        before, after = (files.read_csv(place / f"{name}.csv") for place in (folder, tmp_path / "both"))
+        for column in ("facet", "series", "setting", "error", "count"):
+            assert before[column] == after[column], (name, column)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, StudyError])

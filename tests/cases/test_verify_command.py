@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from granfabric.cases.commands import verify
+from granfabric.cases.engine.choice import Choice
 from granfabric.cases.records import files
 from granfabric.cases.terminal.screen import Screen
 from granfabric.cases.verify.dem_side import LOADINGS, DemStore
@@ -115,6 +116,18 @@ def test_files_of_a_comparison(compared: Path, is_drawn: Callable) -> None:
     assert len(columns["closure"]) == len(LOADINGS) * len(names) * len(QUANTITIES) * len(TABLE_LEVELS)
     text = (compared / "verify.md").read_text()
     assert all(name in text for name in names) and all(f"({figure})" in text for figure in figures)
+
+
+def test_packings_side_by_side_give_the_same_numbers(
+    compared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("granfabric.cases.verify.pictures.draw_verify", lambda folder, study: [])
+    record = verify.run_verify(tmp_path / "out", PARTICLES, 2, Screen(), choice=Choice(workers=2))
+    assert record.outcome == "finished" and record.details["dem_computed_now"] == [1, 2]
+    for name in ("verify.csv", "paths.csv", "probes.csv", "material.toml"):
+        assert (tmp_path / "out" / name).read_bytes() == (compared / name).read_bytes(), name
+    again = verify.run_verify(tmp_path / "out", PARTICLES, 2, Screen(), choice=Choice(workers=2))
+    assert again.details["dem_computed_now"] == []
 
 
 def test_nothing_of_a_comparison_stays_beside_what_replaces_it(compared: Path, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
 from collections.abc import Callable
@@ -13,11 +12,13 @@ import numpy as np
 import pytest
 
 from granfabric.cases.commands.verify_map import MapRequest, run_map
-from granfabric.cases.errors import RunError
+from granfabric.cases.engine.choice import Choice
+from granfabric.cases.engine.jobs import Ended, Job
+from granfabric.cases.engine.local import Here, Processes
 from granfabric.cases.records import files
 from granfabric.cases.terminal.screen import Screen
 from granfabric.cases.verify.dem_side import DemStore
-from granfabric.cases.verify.map import tasks, workers
+from granfabric.cases.verify.map import tasks
 from granfabric.cases.verify.map.closures import CLOSURES
 from granfabric.cases.verify.map.compare import CURVE_COLUMNS, MAP_COLUMNS
 from granfabric.cases.verify.map.materials import MATERIALS, chosen_materials
@@ -33,7 +34,8 @@ MATERIALS_ASKED = "source,kt_kn_0.2"
 
 
 def request(**changed: object) -> MapRequest:
-    settings: dict = {"paths": PATHS, "materials": MATERIALS_ASKED, "particles": PARTICLES, "seeds": 2, "processes": 2}
+    settings: dict = {"paths": PATHS, "materials": MATERIALS_ASKED, "particles": PARTICLES, "seeds": 2}
+    settings["choice"] = Choice(workers=2)
     return MapRequest(**(settings | changed))
 
 
@@ -65,8 +67,9 @@ def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (("--materials", "source,friction_0.2", "--set", "material.friction=0.2"), ("the same",)),
         (("--quick", "--particles", 10), ("--particles 10 is outside [200, 200000]",)),
         (("--quick", "--seeds", 0), ("--seeds 0 is outside [1, 100]",)),
-        (("--quick", "--processes", 0), ("--processes 0 is outside [1, 1000]",)),
-        (("--processes", 2), ("--processes goes with a map",)),
+        (("--quick", "--processes", 0), ("--workers 0 is outside [1, 1000]",)),
+        (("--workers", 0), ("--workers 0 is outside [1, 1000]",)),
+        (("--quick", "--workers", 2, "--scheduler", "tcp://x:1"), ("give one of them",)),
     ],
 )
 def test_what_is_not_legal_is_refused_in_a_sentence(
@@ -262,7 +265,7 @@ def test_a_map_again_by_one_process_computes_nothing_of_the_dem(mapped: Path, tm
     again = tmp_path / "again"
     shutil.copytree(mapped, again)
     stamps = {file: file.stat().st_mtime_ns for file in (again / "dem").iterdir()}
-    record = run_map(request(processes=1), again, Screen())
+    record = run_map(request(choice=Choice(workers=1)), again, Screen())
     assert record.outcome == "finished" and record.details["computed_now"] == 0
     for name in ("map.csv", "map_curves.csv", "map.md"):
         assert (again / name).read_bytes() == (mapped / name).read_bytes()
@@ -348,17 +351,17 @@ def test_a_packing_that_fails_leaves_the_others(
 
 def test_tasks_are_stopped_between_and_within(mapped: Path) -> None:
     (source,) = chosen_materials("source")
-    todo = [Task(mapped / "dem", PARTICLES, source, seed, tasks.PACKING) for seed in (1, 2)]
+    todo = [Task(mapped / "dem", PARTICLES, source, seed, tasks.PACKING).job for seed in (1, 2)]
     found: list[Task] = []
 
-    def follow(task: Task, done: Done) -> list[Task]:
-        found.append(task)
-        return [Task(mapped / "dem", PARTICLES, source, 1, tasks.INPUTS)] if len(found) == 1 else []
+    def follow(job: Job, ended: Ended) -> list[Job]:
+        found.append(job.arguments[0])
+        return [Task(mapped / "dem", PARTICLES, source, 1, tasks.INPUTS).job] if len(found) == 1 else []
 
-    workers.carry_out_all(todo, follow, 1, lambda at_work: None, lambda: False)
+    Here().carry_out(todo, follow, lambda at_work: None, lambda: False)
     assert [(task.seed, task.what) for task in found] == [(1, "packing"), (1, "inputs"), (2, "packing")]
     found.clear()
-    workers.carry_out_all(todo, follow, 1, lambda at_work: None, lambda: bool(found))
+    Here().carry_out(todo, follow, lambda at_work: None, lambda: bool(found))
     assert len(found) == 1
 
 
@@ -366,36 +369,25 @@ def test_two_processes_stop_a_path_half_way(tmp_path: Path) -> None:
     """Asked from here; what was reached is kept there, and the rest is not begun."""
     (source,) = chosen_materials("source", ["material.friction=0.1"])
     done: dict[str, Done] = {}
-    todo = [Task(tmp_path, PARTICLES, source, 1, tasks.PACKING)]
+    todo = [Task(tmp_path, PARTICLES, source, 1, tasks.PACKING).job]
     names = ["cyclic", *DEFAULT_PATHS * 20]
     asked: list[bool] = []
 
     count = [0]
 
-    def follow(task: Task, result: Done) -> list[Task]:
+    def follow(job: Job, ended: Ended) -> list[Job]:
         count[0] += 1
-        done[task.what] = result
-        return [Task(tmp_path, PARTICLES, source, 1, name) for name in names] if task.what == tasks.PACKING else []
+        (task,) = job.arguments
+        done[task.what] = ended.value
+        if task.what != tasks.PACKING:
+            return []
+        return [Task(tmp_path, PARTICLES, source, 1, name).job for name in names]
 
     def advance(at_work: dict[str, float]) -> None:
         if any(fraction > 0.0 for text, fraction in at_work.items() if "cyclic" in text):
             asked.append(True)
 
-    workers.carry_out_all(todo, follow, 2, advance, lambda: bool(asked))
+    Processes(2).carry_out(todo, follow, advance, lambda: bool(asked))
     assert done["cyclic"].stopped and not done["cyclic"].failure
     assert MapStore(tmp_path, PARTICLES, source, 1).path("cyclic.npz").is_file()
     assert count[0] < 40
-
-
-class _Deadly(Task):
-    """Ends the process that it is handed to, as the system does for want of memory."""
-
-    def __reduce__(self) -> tuple:
-        return os._exit, (3,)
-
-
-def test_a_process_that_ends_by_itself_is_told(tmp_path: Path) -> None:
-    (source,) = chosen_materials("source")
-    todo = [_Deadly(tmp_path, PARTICLES, source, 1, tasks.PACKING)] * 2
-    with pytest.raises(RunError, match=r"source, seed 1: packing \(exit code 3"):
-        workers.carry_out_all(todo, lambda task, done: [], 2, lambda at_work: None, lambda: False)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.cases.engine.jobs import Job, Report, Stop
 from granfabric.cases.records import files
 from granfabric.cases.records.dem_series import history_text
 from granfabric.cases.scene.measured import as_data, from_data, measure_inputs
@@ -40,9 +41,8 @@ from .paths import MAP_PATHS
 from .sampling import is_flowing
 
 Array = NDArray[np.float64]
-Report = Callable[[float], None]
-Stop = Callable[[], bool]
 
+LAW_KERNELS = ("mean_field", "shifted_distribution")
 PACKING, INPUTS, LAW, KERNELS = "packing", "inputs", "law", "kernels"
 DEM_ERRORS = (PackingError, ProbeError, SampleError, CellTooSmallError, UnstableMotionError)
 """What ends a part of the DEM with a sentence; the others go on."""
@@ -90,6 +90,13 @@ class Task:
             return "kernels of the point law"
         what = {PACKING: "packing", INPUTS: "measuring the inputs", LAW: f"point law, {self.path}"}
         return f"{self.material.name}, seed {self.seed}: {what.get(self.what, self.what)}"
+
+    @property
+    def job(self) -> Job:
+        """As an engine takes it."""
+        key = "-".join([slug(self.material.name), str(self.seed), self.what, *([self.path] if self.path else [])])
+        kernels = LAW_KERNELS if self.what in (LAW, KERNELS) else ("dem",)
+        return Job(key, self.text, f"{__name__}:{carry_out.__name__}", (self,), kernels)
 
 
 @dataclass
