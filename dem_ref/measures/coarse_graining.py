@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csr_matrix
 from scipy.spatial import cKDTree
 
 from granfabric.dem_ref.arrays import SampleError, finite, number, whole
@@ -78,6 +77,22 @@ def kernel_values(name: str, ratio: NDArray[np.float64]) -> NDArray[np.float64]:
     raise SampleError(f"kernel is {name!r}, legal are {', '.join(KERNELS)}")
 
 
+@dataclass(frozen=True)
+class _Shares:
+    """Shares of sources that points have; those of a source add up to one."""
+
+    point: NDArray[np.int64]
+    source: NDArray[np.int64]
+    share: NDArray[np.float64]
+    points: int
+
+    def of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sum over the sources for every point, of values (sources,) or (sources, components)."""
+        if values.ndim == 1:
+            return np.bincount(self.point, self.share * values[self.source], self.points).astype(np.float64)
+        return np.stack([self.of(column) for column in values.T], axis=-1)
+
+
 class _Grid:
     """Points in a periodic cell with their images as far as a kernel reaches."""
 
@@ -108,14 +123,14 @@ class _Grid:
         """Pairs of a point and a source: point, source, kernel, and cells by which the point's image is shifted."""
         wrap = np.floor(position @ np.linalg.inv(self.cell))
         inside = cKDTree(position - wrap @ self.cell)
-        found = inside.sparse_distance_matrix(self.tree, self.reach, output_type="coo_matrix")
-        value = kernel_values(self.kernel, found.data / self.scale)
+        found = inside.sparse_distance_matrix(self.tree, self.reach, output_type="ndarray")
+        value = kernel_values(self.kernel, found["v"] / self.scale)
         used = value > 0.0
-        source, tiled = found.row[used], found.col[used]
+        source, tiled = found["i"][used], found["j"][used]
         return self.index[tiled], source, value[used], self.image[tiled] + wrap[source]
 
-    def weights(self, position: NDArray[np.float64]) -> csr_matrix:
-        """Shares (points, sources); every column adds up to one."""
+    def shares(self, position: NDArray[np.float64]) -> _Shares:
+        """Of sources at these positions."""
         point, source, value, _ = self.near(position)
         total = np.bincount(source, value, len(position))
         if len(position) and not total.min() > 0.0:
@@ -123,7 +138,7 @@ class _Grid:
                 f"the scale {self.scale:.4g} of the kernel is too small for the distance of the points: some disks or "
                 "contacts belong to none"
             )
-        return coo_matrix((value / total[source], (point, source)), (self.count, len(position))).tocsr()
+        return _Shares(point, source, value / total[source], self.count)
 
 
 def coarse_grained(
@@ -158,21 +173,20 @@ def coarse_grained(
     grid = _Grid(sample.cell, cells, kernel, scale)
     contacts = contacts_of(sample)
     middle = sample.position[contacts.first] + 0.5 * contacts.normal * contacts.length[:, None]
-    of_disks, of_contacts = grid.weights(sample.position), grid.weights(middle)
-    number_of = np.bincount(np.concatenate([contacts.first, contacts.second]), minlength=sample.count)
-    disks = np.asarray(of_disks.sum(axis=1)).ravel()
-    crowd = np.asarray(of_contacts.sum(axis=1)).ravel()
+    of_disks, of_contacts = grid.shares(sample.position), grid.shares(middle)
+    number_of = np.bincount(np.concatenate([contacts.first, contacts.second]), minlength=sample.count).astype(float)
+    disks, crowd = of_disks.of(np.ones(sample.count)), of_contacts.of(np.ones(contacts.count))
     area = sample.area / grid.count
     with np.errstate(invalid="ignore", divide="ignore"):
-        coordination = (of_disks @ number_of) / disks
-        fabric = 2.0 * (of_contacts @ contacts.double_angle) / crowd[:, None]
+        coordination = of_disks.of(number_of) / disks
+        fabric = 2.0 * of_contacts.of(contacts.double_angle) / crowd[:, None]
     edge = np.stack(
         np.meshgrid(*(np.linspace(0.0, 1.0, number + 1) for number in cells), indexing="ij"), axis=-1
     )  # fmt: skip
     return CoarseFields(
         cells, edge @ sample.cell, disks, coordination, fabric,
-        (of_disks @ (np.pi * sample.radius**2)) / area,
-        -(of_contacts @ _moments(contacts)) / area,
+        of_disks.of(np.pi * sample.radius**2) / area,
+        -of_contacts.of(_moments(contacts)) / area,
         None if start is None else _strain(sample, grid, *start),
     )  # fmt: skip
 
@@ -197,7 +211,7 @@ def _strain(
     then = position[source] - image @ cell
 
     def added(terms: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.bincount(point, value * terms, grid.count)
+        return np.bincount(point, value * terms, grid.count).astype(np.float64)
 
     total = added(np.ones(len(value)))
     with np.errstate(invalid="ignore", divide="ignore"):
