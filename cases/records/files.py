@@ -41,7 +41,7 @@ TABLES = (
     *("map.csv", "map_curves.csv", "map.md"),
 )
 LOG = "run.log"
-SERIES = ("result", "points", "particles", "contacts")
+SERIES = ("result", "points", "particles", "contacts", "fields")
 OWN_FILES = (
     *(RECORD, HISTORY, LOG, SCENE, FAILED_POINT, FAILED_PACKING, PACKING, CHECKPOINT),
     *(f"{CHECKPOINT}.part", f"{PACKING}.part"),
