@@ -80,6 +80,8 @@ class Variable:
         Physical bounds; a value outside is refused at input.
     default : float or None
         Initial value (state) or default (parameter); None if the user has to give it.
+    hidden : bool
+        Columns of a state that mean nothing one by one: writers and pictures pass over them.
     """
 
     name: str
@@ -89,6 +91,7 @@ class Variable:
     lower: float = -np.inf
     upper: float = np.inf
     default: float | None = None
+    hidden: bool = False
 
 
 @dataclass(frozen=True)

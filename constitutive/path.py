@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from .arrays import finite
-from .contract import STATUS_TEXT, Array, Status
+from .contract import STATUS_TEXT, Array, LawDescription, Status
 from .effective_stress import effective_stress, with_pressure
 from .law import ContactLaw
 from .parameters import ParameterError, is_integer, is_within
@@ -143,34 +143,47 @@ class PathHistory:
     strain: Array
 
 
-class _Recorder:
-    """Rows of the history of one point."""
+class PathRecorder:
+    """Rows of the history of one point.
 
-    def __init__(self, law: ContactLaw, stress: Array, state: Array) -> None:
-        self.law = law
+    Parameters
+    ----------
+    description : LawDescription
+        Of a law with a mean normal force.
+    stress, state : ndarray, shapes (1, 3), (1, nstate)
+        At the start.
+    of_state : tuple of str
+        Scalar state variables that are recorded beside `POINT_COLUMNS`.
+    """
+
+    def __init__(
+        self, description: LawDescription, stress: Array, state: Array, of_state: tuple[str, ...] = ()
+    ) -> None:
+        self.description = description
         self.rows: list[list[float]] = []
-        self.of_state = SLIDING_COLUMNS if law.effects.sliding else ()
-        self.names = POINT_COLUMNS + self.of_state + (PORE_COLUMNS if law.effects.pore_fluid else ())
-        self.force0 = float(state[0, law.description.columns("mean_normal_force")][0])
+        self.of_state = of_state
+        self.wet = description.has_state("pore_pressure")
+        self.names = POINT_COLUMNS + self.of_state + (PORE_COLUMNS if self.wet else ())
+        self.force0 = float(state[0, description.columns("mean_normal_force")][0])
         # magnitudes carry the sign of their component along the initial major stress, or along x without one
         deviator = -0.5 * (stress[0, 0] - stress[0, 1]), -stress[0, 2]
         size = float(np.hypot(*deviator))
-        effective = effective_stress(stress, state, law.description)
+        effective = effective_stress(stress, state, description)
         pressure = -0.5 * (effective[0, 0] + effective[0, 1])
         self.axis = np.array(deviator) / size if size > 1e-12 * abs(pressure) else None
 
     def _vector(self, state: Array, name: str) -> Array:
         value = np.zeros(2)
-        if self.law.description.has_state(name):
-            columns = self.law.description.columns(name)
+        if self.description.has_state(name):
+            columns = self.description.columns(name)
             part = state[0, columns]
             value[: part.size] = part
         return value
 
     def _scalar(self, state: Array, name: str) -> float:
-        if not self.law.description.has_state(name):
+        if not self.description.has_state(name):
             return 0.0
-        return float(state[0, self.law.description.columns(name)][0])
+        return float(state[0, self.description.columns(name)][0])
 
     def _signed(self, vector: Array) -> float:
         along = vector[0] if self.axis is None else float(vector @ self.axis)
@@ -182,7 +195,7 @@ class _Recorder:
         s = stress[0]
         p = -0.5 * (s[0] + s[1])
         q = float(np.hypot(0.5 * (s[0] - s[1]), s[2]))
-        effective = effective_stress(stress, state, self.law.description)[0]
+        effective = effective_stress(stress, state, self.description)[0]
         carried = -0.5 * (effective[0] + effective[1])
         if self.axis is None and q > 1e-9 * abs(carried):
             # an isotropic start has no major direction: the first deviator that appears takes its place
@@ -210,7 +223,7 @@ class _Recorder:
                 *(self._scalar(state, name) for name in self.of_state),
             ]
         )
-        if self.law.effects.pore_fluid:
+        if self.wet:
             self.rows[-1] += [self._scalar(state, "pore_pressure"), carried, *effective[:2]]
 
     def columns(self) -> dict[str, np.ndarray]:
@@ -223,7 +236,7 @@ class _Recorder:
         }
 
 
-def _increments(leg: Leg, stress: Array, strain: Array) -> tuple[np.ndarray, Array]:
+def ends_of(leg: Leg, stress: Array, strain: Array) -> tuple[np.ndarray, Array]:
     """Control codes (3,) and the end values (increments, 3) of the controlled components of each increment."""
     fractions = np.arange(1, leg.increments + 1)[:, None] / leg.increments
     if leg.rotation_degrees is not None:
@@ -302,7 +315,9 @@ def drive(
         raise ParameterError("pore_pressure means nothing to a law without effects.pore_fluid")
     if not now[0, law.description.columns("mean_normal_force")][0] > 0.0:
         raise ParameterError("the initial state has no mean normal force, by which the force is divided on the way")
-    recorder = _Recorder(law, stress, now)
+    recorder = PathRecorder(
+        law.description, stress, now, SLIDING_COLUMNS if law.effects.sliding else ()
+    )
     recorder.add(stress, now, strain, 0, 0, False)
     stress_end, state_end, strain_increment = np.zeros_like(stress), np.zeros_like(now), np.zeros((1, 3))
     total, done = sum(leg.increments for leg in legs), 0
@@ -311,7 +326,7 @@ def drive(
         return PathHistory(recorder.columns(), finished, message, stress, now, strain)
 
     for number, leg in enumerate(legs):
-        control, ends = _increments(leg, stress, strain)
+        control, ends = ends_of(leg, stress, strain)
         going = law.drained() if leg.drained else law
         for end in ends:
             if stop is not None and stop():

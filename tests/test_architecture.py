@@ -52,8 +52,8 @@ FLOORS: dict[str, tuple[str, ...]] = {
         *("preparation", "ensemble"),
     ),
     "cases": (
-        *("errors", "terminal", "scene", "records", "engine", "field", "pictures", "effects", "fit", "verify", "cost"),
-        *("sweep", "commands", "__main__"),
+        *("errors", "terminal", "scene", "grains", "records", "engine", "field", "pictures", "effects", "fit"),
+        *("verify", "cost", "sweep", "commands", "__main__"),
     ),
 }
 """Folders and files of each room, lowest first: a line imports from its own folder and from those before it."""

@@ -27,6 +27,8 @@ from .verify_options import (
     PathsOption,
     QuickOption,
     SeedsOption,
+    VerifiedScene,
+    VerifyOutputOption,
 )
 
 INTERRUPTED = 130
@@ -211,9 +213,8 @@ def point(
 
 @app.command()
 def verify(
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Result folder; DEM runs in it are used again.")
-    ] = Path("results/verify"),
+    scene: VerifiedScene = None,
+    output: VerifyOutputOption = None,
     particles: ParticlesOption = None,
     seeds: SeedsOption = None,
     paths: PathsOption = None,
@@ -228,8 +229,7 @@ def verify(
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:
-    """Compare the point law with the DEM: the source's four figures and a table of errors, or a map.
-
+    """Compare the point law with the DEM: the source's four figures and a table of errors, a map, or a field scene.
     With --paths, --materials, --set or --quick a map of materials by paths. With --data the law alone against curves.
     """
     with _speaking(quiet, verbose) as screen:
@@ -238,7 +238,7 @@ def verify(
         from .verify_kinds import verify_as_asked
 
         asked = (particles, seeds, paths, materials, assignments or [], data or [], quick)
-        exit_by(verify_as_asked(output, *asked, Choice(workers, scheduler, threads), screen, overwrite).outcome)
+        exit_by(verify_as_asked(scene, output, *asked, Choice(workers, scheduler, threads), screen, overwrite).outcome)
 
 
 @app.command()

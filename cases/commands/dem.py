@@ -10,7 +10,7 @@ import numpy as np
 
 from granfabric.cases.errors import InputError, RunError
 from granfabric.cases.records import files
-from granfabric.cases.records.dem_series import DemSeries, history_text
+from granfabric.cases.records.dem_series import DemSeries, FieldGrid, history_text
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.scene.dem_path import PathError, leg_numbers, packing_options, run_options
 from granfabric.cases.scene.material_file import material_text, read_material, refusal
@@ -295,7 +295,10 @@ def _load(
     checkpoint = folder / files.CHECKPOINT
     resumed = checkpoint.is_file()
     before, spent = run.motion.steps_done, record.timing.get("loading", 0.0)
-    series = DemSeries(folder, sample.position, output["every"], len(run.rows) - 1 if resumed else -1)
+    grid = None
+    if output["field_cells"]:
+        grid = FieldGrid(output["field_cells"], output["field_kernel"], output.get("field_scale"))
+    series = DemSeries(folder, sample, output["every"], len(run.rows) - 1 if resumed else -1, grid)
 
     def on_record(state: DemRun) -> None:
         files.write_text(folder / files.HISTORY, history_text(state))

@@ -8,6 +8,7 @@ from granfabric.cases.errors import InputError
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.scene import effects_choice
 from granfabric.cases.scene.reader import LoadedScene
+from granfabric.cases.scene.schema_law_kind import is_grains
 from granfabric.cases.terminal.compile_watch import watching
 from granfabric.cases.terminal.screen import Screen
 
@@ -27,6 +28,8 @@ def show_effects(loaded: LoadedScene, screen: Screen) -> Decision:
             f"{loaded.file}: kind = {loaded.scene.kind!r} has no effects to decide: disks do what disks do; "
             "effects belong to point and field scenes"
         )
+    if is_grains(loaded.scene):
+        raise InputError(f"{loaded.file}: law.kind = 'grains' has no effects to decide: disks do what disks do")
     effects_choice.check(loaded)
     points, uncoupled = 1, None
     with watching(screen.announce_compilation(COMPILATION_SECONDS)):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from granfabric.cases.errors import InputError
+from granfabric.cases.scene.schema_law_kind import is_grains
 
 if TYPE_CHECKING:
     from granfabric.fem.fenicsx.team import Team
@@ -78,6 +79,8 @@ def check(team: Team | None, loaded: Any, problem: Any) -> None:
     """
     if team is None:
         return
+    if is_grains(loaded.scene):
+        raise loaded.error(["law", "kind"], "law.kind = 'grains' runs on the own host only; leave out --host")
     from granfabric.fem.fenicsx.distribution import DistributionError, check_space
     from granfabric.fem.fenicsx.local_problem import refuse_unknown_loads
     from granfabric.fem.loads.checks import LoadError

@@ -9,6 +9,8 @@ from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.resolve import resolve_point
 from granfabric.cases.field import memory
+from granfabric.cases.grains.law import GrainsLaw
+from granfabric.cases.grains.point_path import drive_point
 from granfabric.cases.records import files, pore_columns
 from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
@@ -17,10 +19,14 @@ from granfabric.cases.scene import build
 from granfabric.cases.scene.effects_choice import resolve_effects
 from granfabric.cases.scene.point_path import legs_of, remarks
 from granfabric.cases.scene.reader import LoadedScene
+from granfabric.cases.scene.schema_law_kind import is_grains
 from granfabric.cases.terminal.compile_watch import watching
 from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.constitutive.path import PathHistory, drive
+
+from . import point_start
+from .point_start import PointStart
 
 COMPILATION_SECONDS = 75
 """Rough time to compile the kernels of the point law, for the message on first use."""
@@ -67,17 +73,13 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
     files.check_output(folder, owner, overwrite)
     for text in remarks(loaded.scene):
         screen.say(text)
-    with watching(screen.announce_compilation(COMPILATION_SECONDS)) as early:
-        loaded, decision = resolve_point(loaded)
-    effects_report.announce(decision, None, screen)
-    scene = loaded.scene
-    effects = resolve_effects(scene)
-    law = build.law(loaded, effects)
-    state = start_state(loaded, law.description)
+    made = point_start.begin(loaded, screen) if is_grains(loaded.scene) else _begin(loaded, screen)
+    loaded, scene, effects, law = made.loaded, made.loaded.scene, made.effects, made.law
     with files.held(folder, owner, overwrite):
         files.prepare_output(folder, owner, overwrite)
         record = Record(folder, loaded.name, resolved(loaded, effects), scene_file=owner.place, since=since)
-        record.details["decision"] = effects_report.as_data(decision)
+        if made.decision is not None:
+            record.details["decision"] = effects_report.as_data(made.decision)
         record.write()
         screen.keep_log(folder / files.LOG, versions())
         total = sum(leg.increments for leg in legs)
@@ -94,11 +96,15 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
                     advance(done, f"step {done} of {of}")
 
                 try:
-                    start = build.pore_pressure(loaded, law)
-                    history = drive(law, scene.initial.stress, legs, on_step, stop, state, start)
+                    if isinstance(law, GrainsLaw):
+                        assert made.state is not None
+                        history = drive_point(law, scene.initial.stress, legs, made.state, on_step, stop)
+                    else:
+                        start = build.pore_pressure(loaded, law)
+                        history = drive(law, scene.initial.stress, legs, on_step, stop, made.state, start)
                 except KeyboardInterrupt as error:
                     raise record.broken_off("interrupted within the first step") from error
-            record.timing["compilation"] = early.seconds + watch.seconds
+            record.timing["compilation"] = made.compilation + watch.seconds
             record.timing["path"] -= watch.seconds
             names = list(history.columns)
             rows = list(zip(*(history.columns[name].tolist() for name in names)))
@@ -117,12 +123,22 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
                 draw(folder, record.scene)
             record.write()
         _report(history, record, screen)
-        if history.finished and state is None and increments <= AUDITED_INCREMENTS:
+        if history.finished and made.decision is not None and made.state is None and increments <= AUDITED_INCREMENTS:
             with record.phase("audit"):
                 audit = effects_audit.audit_point(loaded, history)
             effects_audit.conclude(audit, loaded, record, screen)
             record.write()
         return record
+
+
+def _begin(loaded: LoadedScene, screen: Screen) -> PointStart:
+    """Decide the effects of the contact law, and make it."""
+    with watching(screen.announce_compilation(COMPILATION_SECONDS)) as early:
+        loaded, decision = resolve_point(loaded)
+    effects_report.announce(decision, None, screen)
+    effects = resolve_effects(loaded.scene)
+    law = build.law(loaded, effects)
+    return PointStart(loaded, law, start_state(loaded, law.description), effects, decision, early.seconds)
 
 
 def _report(history: PathHistory, record: Record, screen: Screen) -> None:

@@ -13,9 +13,10 @@ import numpy as np
 
 from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
+from granfabric.cases.effects.decision import Decision
 from granfabric.cases.effects.resolve import resolve_field
 from granfabric.cases.errors import InputError
-from granfabric.cases.field import comparison, initial_balance, locking, mesh_error_estimate, mesh_table
+from granfabric.cases.field import comparison, grains_run, initial_balance, locking, mesh_error_estimate, mesh_table
 from granfabric.cases.field.body_report import BodyReport
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.records import files, pore_columns, resumption
@@ -27,6 +28,7 @@ from granfabric.cases.records.replay import write_failed_point
 from granfabric.cases.records.units import units
 from granfabric.cases.scene import build, effects_choice
 from granfabric.cases.scene.reader import LoadedScene
+from granfabric.cases.scene.schema_law_kind import is_grains
 from granfabric.cases.terminal.compile_watch import CompileWatch, watching
 from granfabric.cases.terminal.early_kernels import EarlyKernels
 from granfabric.cases.terminal.interruption import interrupt_request
@@ -105,13 +107,19 @@ def run_field(
             resumption.earlier_record(folder)
             hold.enter_context(files.held(folder, owner, resume=True))
             earlier = resumption.earlier_record(folder)
-        effects_choice.check(loaded)
+        grains = is_grains(loaded.scene)
+        if not grains:
+            effects_choice.check(loaded)
         prepared = prepare(loaded)
         hosts.check(team, loaded, prepared.problem)
         second_order = loaded.scene.mesh.element.endswith("2")
         mesh_table.show(prepared.problem.space.host_mesh, screen, second_order)
         waited = 0.0 if earlier is not None else _compile(loaded, kernels, watch, stop)
-        loaded, prepared, decision = resolve_field(loaded, prepared, earlier, stop())
+        decision: Decision | None = None
+        if grains:
+            prepared = grains_run.begin(loaded, prepared, screen, stop)
+        else:
+            loaded, prepared, decision = resolve_field(loaded, prepared, earlier, stop())
         problem = prepared.problem
         record = Record(
             folder, loaded.name, resolved(loaded, prepared.effects), scene_file=owner.place, since=since
@@ -145,9 +153,11 @@ def run_field(
         if earlier is not None:
             waited = _compile(loaded, kernels, watch, stop)
         else:
-            record.details["decision"] = effects_report.as_data(decision)
-            effects_report.announce(decision, problem.law.description.linear_response, screen)
-        locking.tell(loaded.scene, record, screen)
+            if decision is not None:
+                record.details["decision"] = effects_report.as_data(decision)
+                effects_report.announce(decision, problem.law.description.linear_response, screen)
+        if not grains:
+            locking.tell(loaded.scene, record, screen)
         balance = initial_balance.Balance(problem, getattr(loaded.scene.initial, "from") == "gravity")
         if earlier is not None:
             initial_balance.continue_from(balance, earlier, record)
@@ -157,6 +167,7 @@ def run_field(
             screen.progress(loaded.name, sum(stage.increments for stage in problem.stages)) as advance,
             record.phase("run", watch),
         ):
+            advance = grains_run.watched(problem.law, advance, stop)
             history = FieldHistory(
                 problem.space, problem.law.description, prepared.boundaries, prepared.supported, problem.program
             )
@@ -199,15 +210,17 @@ def run_field(
             except (OutputError, OSError) as error:
                 raise record.broken_off(f"results cannot be written any more: {error}") from error
             except KeyboardInterrupt as error:
-                raise record.broken_off("interrupted within a step") from error
+                more = grains_run.how_to_go_on(problem.law)
+                raise record.broken_off(f"interrupted within a step{more}") from error
         _finish(record, summary, stop.requested, balance, problem.law.description)
         record.timing["output"] += recorder.closing
         record.timing["writer"] = recorder.writing
         if summary.failed_point is not None and record.outcome == "failed":
-            write_failed_point(folder, summary.failed_point, problem.law.description, record.scene)
+            write_failed_point(folder, summary.failed_point, problem.law, record.scene)
         record.timing["compilation"] = watch.seconds + waited
         audit = None
-        if record.outcome == "finished" and resumed is None:  # else the stress_paths of the first part are not known
+        # of a run that goes on the stress paths of the first part are not known
+        if record.outcome == "finished" and resumed is None and not grains:
             with record.phase("audit", watch):
                 audit = effects_audit.audit_field(loaded, problem, stress_paths)
         if record.outcome == "finished" and loaded.scene.closed_form is not None:
@@ -303,7 +316,7 @@ def _failed_place(record: Record, summary: RunSummary, description: LawDescripti
     ratio = deviator / pressure if pressure > 0.0 else 0.0
     if ratio:
         said += f", q/p = {ratio:.3g}"
-    if ratio > UNBOUNDED and not record.scene["effects"]["sliding"]:
+    if ratio > UNBOUNDED and "effects" in record.scene and not record.scene["effects"]["sliding"]:
         said += "; without effects.sliding the law has no strength, and q/p grows with the strain"
     return f"{said}; {files.FAILED_POINT} holds it)"
 

@@ -1,10 +1,12 @@
-"""`granfabric verify` is three things: the source's figures, a map of materials by paths, or the law against curves."""
+"""`granfabric verify` is several things: the source's figures, a map, the law against curves, or a field scene."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
+from granfabric.cases.engine import machine
 from granfabric.cases.engine.choice import Choice
 from granfabric.cases.errors import InputError
 from granfabric.cases.records.record import Record
@@ -12,7 +14,8 @@ from granfabric.cases.terminal.screen import Screen
 
 
 def verify_as_asked(
-    folder: Path,
+    scene: str | None,
+    output: Path | None,
     particles: int | None,
     seeds: int | None,
     paths: str | None,
@@ -33,6 +36,18 @@ def verify_as_asked(
     RunError
         If the run broke off.
     """
+    folder = output or Path("results") / ("verify" if scene is None else f"verify_{Path(scene).stem}")
+    if scene is not None:
+        unused: dict[str, object] = {"--paths": paths, "--materials": materials, "--quick": quick or None}
+        unused |= {"--data": list(data) or None, "--workers": choice.workers, "--scheduler": choice.scheduler}
+        for name, value in unused.items():
+            if value is not None:
+                raise InputError(f"{name} does not go with a scene, which is computed by the law and by grains")
+        from .verify_scene import run_verify_scene
+
+        choice.check()
+        with machine.threads(choice.threads) if choice.threads else nullcontext():
+            return run_verify_scene(scene, folder, particles, seeds, list(assignments), screen, overwrite)
     if data:
         given: dict[str, object] = {"--paths": paths, "--materials": materials, "--quick": quick or None}
         given |= {"--particles": particles, "--seeds": seeds, "--workers": choice.workers}

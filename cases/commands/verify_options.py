@@ -1,19 +1,34 @@
 """Options of `granfabric verify`."""
 
+from pathlib import Path
 from typing import Annotated, Optional
 
 import typer
 
+VerifiedScene = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Argument(metavar="[SCENE]", help="A field scene: the law against grains at its points."),
+]
+VerifyOutputOption = Annotated[
+    Optional[Path],  # noqa: UP045
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="Result folder, results/verify if not given, with a scene results/verify_SCENE; DEM runs in it are used "
+        "again.",
+    ),
+]
 ParticlesOption = Annotated[
     Optional[int],  # noqa: UP045
-    typer.Option("--particles", metavar="N", help="Disks of a packing; 2500 if not given, 400 with --quick."),
+    typer.Option("--particles", metavar="N", help="Disks of a packing; 2500 if not given, 400 with --quick or SCENE."),
 ]
 SeedsOption = Annotated[
     Optional[int],  # noqa: UP045
     typer.Option(
         "--seeds",
         metavar="K",
-        help="Packings, for the scatter of the DEM. 1 if not given, 2 with --quick.",
+        help="Packings, for the scatter of the DEM. 1 if not given, 2 with --quick, 8 with SCENE.",
     ),
 ]
 PathsOption = Annotated[
@@ -29,7 +44,8 @@ PackingSetOption = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Map: a key of every packing, e.g. material.friction=0.3. With --data: keys of the law, see fit.",
+        help="Map: a key of every packing, e.g. material.friction=0.3. With --data: keys of the law, see fit. With "
+        "SCENE: keys of the scene.",
     ),
 ]
 QuickOption = Annotated[

@@ -4,7 +4,20 @@ from __future__ import annotations
 
 from granfabric.cases.errors import InputError, unknown
 
-from . import arcs, closures, decisions, dem, distributions, effects, footing, integrators, load_steps, mesh, tangents
+from . import (
+    arcs,
+    closures,
+    decisions,
+    dem,
+    distributions,
+    effects,
+    footing,
+    grains_at_points,
+    integrators,
+    load_steps,
+    mesh,
+    tangents,
+)
 from .study import Study
 
 STUDIES: dict[str, Study] = {
@@ -21,6 +34,7 @@ STUDIES: dict[str, Study] = {
         closures.STUDY,
         effects.STUDY,
         decisions.STUDY,
+        grains_at_points.STUDY,
     )
 }
 

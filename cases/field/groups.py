@@ -74,7 +74,7 @@ def material_index(loaded: LoadedScene, mesh: HostMesh) -> NDArray[np.int32] | N
         If regions overlap or leave elements without material.
     """
     scene = loaded.scene
-    if scene.material is not None:
+    if not scene.materials:
         return None
     index = np.full(mesh.mesh.t.shape[1], -1, dtype=np.int32)
     names = list(scene.materials)

@@ -26,10 +26,10 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-def stress(loaded: LoadedScene, space: Space, stages: Sequence[Stage], law: ContactLaw) -> Array:
+def stress(loaded: LoadedScene, space: Space, stages: Sequence[Stage], wet: bool) -> Array:
     """Initial effective stress, shape (npt, 3) [Pa], tension positive: linear in place, or from weight and surcharge.
 
-    Where nothing is from the outset it is that of the placement.
+    Where nothing is from the outset it is that of the placement. `wet` tells whether the law has pore fluid.
 
     Raises
     ------
@@ -41,12 +41,12 @@ def stress(loaded: LoadedScene, space: Space, stages: Sequence[Stage], law: Cont
     there = ~inactive_at_outset(space.host_mesh, stages)[space.point_cell]
     source = getattr(loaded.scene.initial, "from")
     values = (
-        _linear(loaded, space.points, there) if source == "stress" else _geostatic(loaded, space, stages, law, there)
+        _linear(loaded, space.points, there) if source == "stress" else _geostatic(loaded, space, stages, wet, there)
     )
     return values if there.all() else stress_with_fills(space, stages, values)
 
 
-def _geostatic(loaded: LoadedScene, space: Space, stages: Sequence[Stage], law: ContactLaw, there: Mask) -> Array:
+def _geostatic(loaded: LoadedScene, space: Space, stages: Sequence[Stage], wet: bool, there: Mask) -> Array:
     """Stress from weight; of wet ground weight gives the total stress, and K0 is that of the effective one."""
     initial = loaded.scene.initial
     source = getattr(initial, "from")
@@ -54,7 +54,7 @@ def _geostatic(loaded: LoadedScene, space: Space, stages: Sequence[Stage], law: 
         total = geostatic_stress(space, stages, initial.k0, level=source == "weight")
     except (LoadError, MeshError) as error:
         raise loaded.error(["initial"], f'initial.from = "{source}": {error}') from error
-    if not law.effects.pore_fluid or not pore_fluid.is_given(loaded.scene):
+    if not wet or not pore_fluid.is_given(loaded.scene):
         return total
     carried = np.zeros_like(total)
     ratio = total[there, 0] / total[there, 1]

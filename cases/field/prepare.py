@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from granfabric.cases.scene import build
 from granfabric.cases.scene.effects_choice import resolve_effects
 from granfabric.cases.scene.reader import LoadedScene
+from granfabric.cases.scene.schema_law_kind import is_grains
 from granfabric.cases.scene.schema_mesh import SHAPES
+from granfabric.constitutive.law import ContactLaw
+from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, LinearElasticLaw
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.control import ControlError, StepControl
 from granfabric.fem.linear_solvers.direct import LinearSolverError, make_solver
@@ -27,6 +30,7 @@ from .stage_loads import stages
 
 POINTS = {"P1": 1, "P2": 3, "Q1": 4, "Q2": 9}
 """Integration points of an element."""
+STAND_IN = LinearElasticLaw(ElasticMaterial(1.0, 0.0))
 BYTES_PER_POINT = 600
 """Stress, strain, state and tangent of a point at the start and the end of a step; the matrix comes on top."""
 
@@ -117,8 +121,9 @@ def prepare(loaded: LoadedScene) -> Prepared:
     mesh = read_or_make_mesh(loaded)
     check_groups(loaded, mesh)
     index = material_index(loaded, mesh)
-    effects = resolve_effects(scene)
-    law = build.law(loaded, effects)
+    effects = None if is_grains(scene) else resolve_effects(scene)
+    # grains take the place of the elastic law once all else has been checked, because packings take time to make
+    law = STAND_IN if effects is None else build.law(loaded, effects)
     try:
         space = Space(mesh, scene.mesh.element, scene.mesh.quadrature_degree)
     except MeshError as error:
@@ -126,9 +131,11 @@ def prepare(loaded: LoadedScene) -> Prepared:
     point_index = None if index is None else index[space.point_cell]
     try:
         program = stages(scene)
-        effective = initial_state.stress(loaded, space, program, law)
-        initial_state.refuse_beyond_law(loaded, law, effective, point_index)
-        stress, state = initial_state.with_water(loaded, law, space, program, effective, point_index)
+        wet = isinstance(law, ContactLaw) and law.effects.pore_fluid
+        stress, state = initial_state.stress(loaded, space, program, wet), None
+        if isinstance(law, ContactLaw):
+            initial_state.refuse_beyond_law(loaded, law, stress, point_index)
+            stress, state = initial_state.with_water(loaded, law, space, program, stress, point_index)
         problem = Problem(
             space,
             law,

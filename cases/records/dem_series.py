@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -10,13 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.dem_ref.loading.run import DemRun
+from granfabric.dem_ref.measures.coarse_graining import GAUSSIAN_REACH, coarse_grained
 from granfabric.dem_ref.measures.fields import contact_fields, particle_fields
 from granfabric.dem_ref.sample.disks import Sample
+from granfabric.dem_ref.sample.neighbours import cell_heights
 
 from . import files
 
 PARTICLES = "particles"
 CONTACTS = "contacts"
+FIELDS = "fields"
 
 
 def history_text(run: DemRun) -> str:
@@ -60,6 +64,59 @@ def contact_mesh(sample: Sample) -> meshio.Mesh:
     )
 
 
+@dataclass(frozen=True)
+class FieldGrid:
+    """A grid on which fields are averaged.
+
+    Parameters
+    ----------
+    cells : int
+        Along each side.
+    kernel : str
+    scale : float, optional
+        Of the kernel, mean diameters; 1.5 cells of the grid, at least four diameters, reach if not given.
+    """
+
+    cells: int
+    kernel: str = "lucy"
+    scale: float | None = None
+
+    def scale_for(self, sample: Sample) -> float:
+        """Scale of the kernel for a sample [mean diameters]."""
+        if self.scale is not None:
+            return self.scale
+        longest = float(np.linalg.norm(sample.cell, axis=1).max()) / sample.mean_diameter
+        half = 0.49 * min(cell_heights(sample.cell)) / sample.mean_diameter
+        reach = min(max(4.0, 1.5 * longest / self.cells), half)
+        return reach / (GAUSSIAN_REACH if self.kernel == "gaussian" else 1.0)
+
+
+def field_mesh(
+    sample: Sample, start: tuple[NDArray[np.float64], NDArray[np.float64]], grid: FieldGrid
+) -> meshio.Mesh:
+    """Averages on a grid as quadrilaterals with cell data; strains count from positions and cell at the start.
+
+    Stress and strain hold xx, yy, xy, tension positive (shear strain gamma_xy); fabric is the vector of a_c in the
+    double-angle plane.
+    """
+    cells = (grid.cells, grid.cells)
+    found = coarse_grained(sample, cells, grid.scale_for(sample), grid.kernel, start)
+    assert found.strain is not None
+    place = np.arange((cells[0] + 1) * (cells[1] + 1)).reshape(cells[0] + 1, -1)
+    corners = [place[:-1, :-1], place[1:, :-1], place[1:, 1:], place[:-1, 1:]]
+    data = {
+        "disks": found.disks, "coordination": found.coordination, "fabric": _padded(found.fabric),
+        "fabric_anisotropy": np.hypot(*found.fabric.T), "solid_fraction": found.solid_fraction,
+        "stress": found.stress, "strain": found.strain, "p": -0.5 * (found.stress[:, 0] + found.stress[:, 1]),
+        "q": np.hypot(0.5 * (found.stress[:, 0] - found.stress[:, 1]), found.stress[:, 2]),
+    }  # fmt: skip
+    return meshio.Mesh(
+        _padded(found.corner.reshape(-1, 2)),
+        [("quad", np.stack([corner.ravel() for corner in corners], axis=-1))],
+        cell_data={name: [values] for name, values in data.items()},
+    )
+
+
 class DemSeries:
     """Write particles and contacts at every so many records, and keep both `.pvd` files up to date.
 
@@ -68,29 +125,37 @@ class DemSeries:
     Parameters
     ----------
     folder : Path
-    start : ndarray, shape (n, 2)
-        Positions of the packing.
+    start : Sample
+        The packing; displacements and strains count from it.
     every : int
         0 for no files.
     reached : int
         Going on with a run: number of its last record; earlier files stay in the series.
+    grid : FieldGrid, optional
+        Averages on a grid as well, a third series.
     """
 
-    def __init__(self, folder: Path, start: NDArray[np.float64], every: int, reached: int = -1) -> None:
+    def __init__(
+        self, folder: Path, start: Sample, every: int, reached: int = -1, grid: FieldGrid | None = None
+    ) -> None:
         self._folder = folder
-        self._start = start
+        self._start = start.position.copy(), start.cell.copy()
+        self._grid = grid
+        self._series = (PARTICLES, CONTACTS) if grid is None else (PARTICLES, CONTACTS, FIELDS)
         self._every = every
         self._records: list[int] = []
         if every:
             for record in range(0, reached + 1, every):
-                if all((folder / _name(series, record)).is_file() for series in (PARTICLES, CONTACTS)):
+                if all((folder / _name(series, record)).is_file() for series in self._series):
                     self._records.append(record)
 
     def add(self, record: int, sample: Sample, last: bool = False) -> None:
         """Write a record if it is due, or the last."""
         if not self._every or record in self._records or not (last or record % self._every == 0):
             return
-        meshes = {PARTICLES: particle_mesh(sample, self._start), CONTACTS: contact_mesh(sample)}
+        meshes = {PARTICLES: particle_mesh(sample, self._start[0]), CONTACTS: contact_mesh(sample)}
+        if self._grid is not None:
+            meshes[FIELDS] = field_mesh(sample, self._start, self._grid)
         for series, mesh in meshes.items():
             _write(self._folder / _name(series, record), mesh)
         self._records.append(record)

@@ -27,6 +27,8 @@ PACKING = "packing.npz"
 CHECKPOINT = "checkpoint.npz"
 MATERIAL = "material.toml"
 FAILED_POINT = "failed_point.toml"
+FAILED_PACKING = "failed_point.npz"
+"""The packing of a failed point with grains."""
 OF_DATA = ("fit.csv", "fit.png", "data.csv", "data.png")
 OF_SWEEP = ("index.csv", "results.csv", "results.png", "scatter.csv")
 PICTURES = (
@@ -39,9 +41,10 @@ TABLES = (
     *("map.csv", "map_curves.csv", "map.md"),
 )
 LOG = "run.log"
-SERIES = ("result", "points", "particles", "contacts")
+SERIES = ("result", "points", "particles", "contacts", "fields")
 OWN_FILES = (
-    *(RECORD, HISTORY, LOG, SCENE, FAILED_POINT, PACKING, CHECKPOINT, f"{CHECKPOINT}.part", f"{PACKING}.part"),
+    *(RECORD, HISTORY, LOG, SCENE, FAILED_POINT, FAILED_PACKING, PACKING, CHECKPOINT),
+    *(f"{CHECKPOINT}.part", f"{PACKING}.part"),
     *(MATERIAL, COMPARISON, MESH_ERROR, *TABLES, *(f"{name}.pvd" for name in SERIES), *PICTURES),
     *OF_DATA,
     *OF_SWEEP,
@@ -272,7 +275,7 @@ def remove_unfinished(folder: Path) -> None:
         If the folder cannot be written.
     """
     try:
-        for pattern in (".granfabric-*", ".result*", ".points*", ".checkpoint*", FAILED_POINT):
+        for pattern in (".granfabric-*", ".result*", ".points*", ".checkpoint*", FAILED_POINT, FAILED_PACKING):
             for file in folder.glob(pattern):
                 file.unlink()
     except OSError as error:

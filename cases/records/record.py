@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from granfabric.cases.errors import RunError
 from granfabric.cases.scene.reader import LoadedScene
+from granfabric.cases.scene.schema_law_kind import is_grains
 from granfabric.cases.scene.toml_text import to_toml
 from granfabric.cases.terminal.compile_watch import CompileWatch
 from granfabric.constitutive.effects import Effects
@@ -40,9 +41,13 @@ def versions() -> dict[str, str]:
 def resolved(loaded: LoadedScene, effects: Effects | None) -> dict[str, Any]:
     """The scene with all defaults filled in, effects decided and files by their absolute paths."""
     table = loaded.scene.model_dump(exclude_none=True, exclude_defaults=False)
+    if is_grains(table):
+        for section in ("closure", "effects", "integration"):
+            table.pop(section, None)
+        table.get("packing", {}).pop("stiffness_to_pressure", None)
     if effects is not None:
         table["effects"] = {**table["effects"], **asdict(effects)}
-    for section, key in (("mesh", "file"), ("packing", "grading_file")):
+    for section, key in (("mesh", "file"), ("packing", "grading_file"), ("law", "packing_file")):
         if table.get(section, {}).get(key):
             table[section][key] = str((loaded.file.parent / table[section][key]).resolve())
     return {"title": table.pop("title"), "kind": table.pop("kind"), **table}

@@ -12,6 +12,7 @@ from granfabric.constitutive.parameters import Closure, ForceChange, Integration
 
 from .effects_choice import everything
 from .reader import LoadedScene
+from .schema_law_kind import is_grains
 
 
 def materials(scene: Any) -> list[tuple[Material, str | None]]:
@@ -61,8 +62,10 @@ def _place(loaded: LoadedScene, text: str) -> tuple[str, ...]:
 def kernels(loaded: LoadedScene) -> list[ForceChange]:
     """Names of the compiled kernels that a run of the scene calls, see `warm_up`; what it needs first comes first.
 
-    What is left out is tried and audited with other closures than the scene's own.
+    What is left out is tried and audited with other closures than the scene's own. Grains need none of them.
     """
+    if is_grains(loaded.scene):
+        return []
     choice = everything(loaded.scene)
     closure = Closure(**{**loaded.scene.closure.model_dump(), "force_change": choice.force_change})
     return sorted(warm_up.KERNELS, key=lambda name: name != warm_up.kernel_of(closure, choice.effects))

@@ -21,7 +21,9 @@ MATERIAL_TABLES = {"material", "closure", "measured"}
 
 def told(table: dict[str, Any]) -> dict[str, str]:
     """Kinds of which a scene has a table, each with one that tells it."""
-    found = {kind: f"[{name}]" for kind, names in TELLING.items() for name in reversed(names) if name in table}
+    # at the points of a scene with a law of its own, a packing may stand too
+    there = table.keys() - ({"packing"} if "law" in table else set())
+    found = {kind: f"[{name}]" for kind, names in TELLING.items() for name in reversed(names) if name in there}
     legs = table.get("path")
     parts = [leg for leg in (legs if isinstance(legs, list) else [legs]) if isinstance(leg, dict)]
     for kind, names in LEGS.items():

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from granfabric.cases.errors import InputError, several, short, unknown
 
-from . import accuracy, catalogue
+from . import accuracy, catalogue, schema_law_kind
 from .keys import label, value_at
 from .kinds import kind_of, require_kind
 from .material_file import read_material
@@ -265,7 +265,7 @@ def _include_material(
     return origins
 
 
-PATH_KEYS = (("mesh", "file"), ("material_file",), ("packing", "grading_file"))
+PATH_KEYS = (("mesh", "file"), ("material_file",), ("packing", "grading_file"), ("law", "packing_file"))
 """Keys that name a file."""
 
 
@@ -316,6 +316,7 @@ def load(scene: str, assignments: Sequence[str] = (), here: Path | None = None) 
     if kind is not None:
         table.setdefault("kind", kind)
     choice = accuracy.apply(table)
+    schema_law_kind.fill(table)
     return LoadedScene(file.stem, file, check(table, file, assigned, included), tuple(assigned), included, choice)
 
 

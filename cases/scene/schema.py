@@ -16,9 +16,10 @@ from granfabric.constitutive.parameters import Material
 from .accuracy import COARSEST, FINEST, Accuracy
 from .schema_base import Control, Increments, Scene, Section, Triple
 from .schema_closed_form import ClosedForm
-from .schema_dem import DemScene
+from .schema_dem import DemScene, Packing
 from .schema_initial import FieldInitial, PointInitial, RandomState
 from .schema_law import ClosureSection, EffectsSection, IntegrationSection, MaterialSection, NamedMaterialSection
+from .schema_law_kind import LawSection, check_law, is_grains
 from .schema_mesh import Mesh
 from .schema_probe import Probe
 from .schema_stage import DRAINED, Solver, StageSection
@@ -119,16 +120,23 @@ class LawScene(Scene):
     closure: ClosureSection = Field(default=ClosureSection(), description="how the change of forces is closed")
     effects: EffectsSection = Field(default=EffectsSection(), description="mechanisms: true, false or auto")
     integration: IntegrationSection = Field(default=IntegrationSection(), description="numerics at a point")
+    law: LawSection | None = Field(default=None, description="contact law or grains; the former if not given")
+    packing: Packing | None = Field(default=None, description="disks at the points, with law.kind = 'grains'")
 
 
 class PointScene(LawScene):
     """One material point along a path of stress or strain."""
 
     kind: Literal["point"] = Field(description="for `granfabric point`; follows from the tables if not given")
-    material: MaterialSection = Field(description="the granular material")
+    material: MaterialSection | None = Field(default=None, description="the granular material")
     initial: PointInitial = Field(description="state before any loading")
     path: Annotated[list[PathLeg], Field(min_length=1, max_length=10_000)] = Field(description="legs of the path")
     output: Output = Field(default=Output(), description="what is written")
+
+    @model_validator(mode="after")
+    def _fits_the_law(self) -> PointScene:
+        check_law(self)
+        return self
 
 
 class FieldScene(LawScene):
@@ -147,7 +155,8 @@ class FieldScene(LawScene):
 
     @model_validator(mode="after")
     def _materials(self) -> FieldScene:
-        if (self.material is None) == (not self.materials):
+        check_law(self)
+        if not is_grains(self) and (self.material is None) == (not self.materials):
             raise ValueError("a field scene needs either [material] or one [materials.NAME] for each region")
         return self
 

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from granfabric.dem_ref.dynamics.packing import PREPARATION
 from granfabric.dem_ref.inputs.weak_contacts import LOOP_STRESS_RATIO
+from granfabric.dem_ref.measures.coarse_graining import GAUSSIAN_REACH
 
 from .schema_base import Control, Positive, Scene, Section, Triple
 
@@ -205,6 +206,19 @@ class DemOutput(Section):
     checkpoint_seconds: Annotated[float, Field(ge=0.0, le=1e6)] = Field(
         default=30.0, description="least time between checkpoints [s]; 0 for one at each record"
     )
+    field_cells: Annotated[int, Field(ge=0, le=1000)] = Field(
+        default=0,
+        description="cells along each side of a grid on which contacts, fabric, stress and strain are averaged, "
+        "written as often as particles; 0 for none",
+    )
+    field_kernel: Literal["gaussian", "lucy", "heaviside"] = Field(
+        default="lucy", description="of the average on the grid"
+    )
+    field_scale: Positive | None = Field(
+        default=None,
+        description="of the kernel over the mean diameter: its radius, of gaussian its standard deviation [-]; "
+        "1.5 cells, at least 4 mean diameters, if not given, of gaussian a third of that",
+    )
     pictures: bool = Field(default=True, description="draw at the end of the run")
 
 
@@ -217,3 +231,25 @@ class DemScene(Scene):
     rates: Rates = Field(default=Rates(), description="how slow the loading is")
     measure: Measure = Field(default=Measure(), description="measurement of the inputs of the point law")
     output: DemOutput = Field(default=DemOutput(), description="what is written")
+
+    @model_validator(mode="after")
+    def _kernel_fits(self) -> DemScene:
+        output = self.output
+        if output.field_cells == 1:
+            raise ValueError("output.field_cells = 1 is no grid; legal are 0 for none, and 2 to 1000")
+        if output.field_scale is None or not output.field_cells:
+            return self
+        reach = output.field_scale * (GAUSSIAN_REACH if output.field_kernel == "gaussian" else 1.0)
+        side = float(0.96 * self.packing.particles**0.5)  # of the cell, in mean diameters, to a tenth
+        if reach < 0.65 * side / output.field_cells:
+            raise ValueError(
+                f"output.field_scale = {output.field_scale:g} reaches {reach:.3g} mean diameters, less than from the "
+                f"middle of a cell of the grid to its corner ({0.71 * side / output.field_cells:.3g}): some disks "
+                "would belong to no cell; take more field_cells or a larger field_scale"
+            )
+        if reach > 0.55 * side:
+            raise ValueError(
+                f"output.field_scale = {output.field_scale:g} reaches {reach:.3g} mean diameters, beyond half of the "
+                f"packing ({0.5 * side:.3g})"
+            )
+        return self

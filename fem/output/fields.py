@@ -23,6 +23,7 @@ from .cells import vtk_cells
 from .compression import Compression
 from .derived import derived, invariants
 from .recovery import Recovery, region_of_cells
+from .shown import shown_part
 from .vtu import GridWriter
 
 Array = NDArray[np.float64]
@@ -137,7 +138,7 @@ class FieldWriter:
         compression: Compression = "fast",
     ) -> None:
         self.folder = Path(folder)
-        self._description = description
+        self._description, self._shown = shown_part(description)
         self._compression: Compression = compression
         self._whole, self._material_index = space, material_index
         self.part: RestrictedSpace | None = None
@@ -247,6 +248,8 @@ class FieldWriter:
         """
         self.follow_body(result.active)
         extra = extra_fields or {}
+        if self._shown is not None:
+            result = replace(result, state=result.state[:, self._shown])
         if self.part is not None:
             extra = {name: values[self.part.points] for name, values in extra.items()}
         result = self.of_part(result)

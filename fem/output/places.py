@@ -14,6 +14,7 @@ from granfabric.fem.equilibrium.results import StepResult
 from .cells import whole_cells
 from .derived import invariants
 from .recovery import Recovery
+from .shown import shown_part
 
 Array = NDArray[np.float64]
 
@@ -42,6 +43,7 @@ class Places:
     """
 
     def __init__(self, space: Space, description: LawDescription, recovery: Recovery, places: Array) -> None:
+        description, self._shown = shown_part(description)
         self._description = description
         self._nodes_of_space = recovery.nodes.node
         kind, cells = whole_cells(space, recovery.nodes)
@@ -66,7 +68,8 @@ class Places:
         Of a vector in the double-angle plane the magnitude comes before its components.
         """
         nodal = step.displacement.reshape(-1, 2)[self._nodes_of_space[self._nodes]]
-        stress, state = self._operator @ step.stress, self._operator @ step.state
+        shown = step.state if self._shown is None else step.state[:, self._shown]
+        stress, state = self._operator @ step.stress, self._operator @ shown
         carried = effective_stress(stress, state, self._description)
         parts = [np.einsum("pn,pnk->pk", self._weights, nodal), stress, self._operator @ step.strain]
         parts += [column[:, None] for column in invariants(stress, carried).values()]

@@ -287,6 +287,18 @@ def test_counts_and_errors_repeat(tables: dict, name: str) -> None:
         assert first["error"] == pytest.approx(second["error"], rel=1e-6)
 
 
+def test_grains_at_points(tables: dict[str, list[dict]]) -> None:
+    rows = tables["grains"]
+    step = {row["setting"]: row["error"] for row in rows if row["series"] == "strain step"}
+    assert step[5e-9] < 0.5 * step[1e-7] < 0.25 * step[1e-5]
+    work = {row["series"]: row for row in rows if row["facet"] == "tangents"}
+    assert all(row["error"] < 1e-3 and row["cuts"] == 0 for row in work.values())
+    drives = {name: row["count"] / row["law_calls"] for name, row in work.items()}
+    # four drives a call; those without an increment cost nothing but in the perturbed one
+    assert drives["perturbed, symmetrised"] > 2.5 * drives["secant"]
+    assert work["secant"]["newton_iterations"] <= work["isotropic elastic"]["newton_iterations"]
+
+
 # files
 
 
