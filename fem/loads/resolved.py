@@ -105,8 +105,8 @@ def refuse_absent(space: Space, load: Load, body: Body, stage: str, constraints:
 def refuse_touched(space: Space, stages: Sequence[Stage], bodies: Sequence[Body | None]) -> None:
     """Refuse springs and rigid bodies on what stages take away or add: there a boundary would change its shape.
 
-    What has changed before the first stage that names a boundary does no harm, if all of the boundary is there then and it
-    is an outer one of the mesh: a footing on a fill, for instance.
+    What has changed before the first stage that names a boundary does no harm, if all of the boundary is there then and
+    it is an outer one of the mesh: a footing on a fill, for instance.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Rigid bodies and springs on what an earlier stage has filled: the rises are those of the same ground without stages."""
+"""Rigid bodies and springs on what an earlier stage has filled: increments are those of the ground without stages."""
 
 from __future__ import annotations
 
