@@ -4,11 +4,12 @@ The settings were read off the fronts that `granfabric cost` measures (studies `
 strain paths of 1e-4 at kn/p = 1e4 in a single increment; largest error over all points of stress over p, z relative
 and a_c, mean field and shifted distribution, whichever has the larger error). Bogacki-Shampine 3(2) lies on or next to
 the front everywhere and keeps its word: its largest error was at most 2.6 times its tolerance, and 12 times with the
-memory of tangential forces, whose slip classes close one after the other. Dormand-Prince takes fewer evaluations on smooth paths, but where an arc of loss closes within a substep its error is up to 300 times the
-tolerance; the implicit pair takes about three times as many for the same error. Newton's residual adds less than itself
-to the means (study `tangents`); it gets a hundredth. Load steps are chosen where a stage does not say its `increments`:
-their error falls with the square of their number, from 4e-6 with a single one in the biaxial test (study `load_steps`).
-A stage that turns within itself needs more, which the estimate of the run shows. A leg of a point's path that turns the
+memory of tangential forces, whose slip classes close one after the other. Dormand-Prince takes fewer evaluations on
+smooth paths, but where an arc of loss closes within a substep its error is up to 300 times the tolerance; the
+implicit pair takes about three times as many for the same error. Newton's residual adds less than itself to the means
+(study `tangents`); it gets a hundredth. Load steps are chosen where a stage does not say its `increments`: their
+error falls with the square of their number, from 4e-6 with a single one in the biaxial test (study `load_steps`). A
+stage that turns within itself needs more, which the estimate of the run shows. A leg of a point's path that turns the
 principal axes is a circle in stress space followed by its chords, and gets `turning_increments`.
 """
 
