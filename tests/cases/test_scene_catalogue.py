@@ -105,7 +105,8 @@ def test_every_scene_runs_and_is_drawn(name: str, granfabric: Callable, tmp_path
     for picture in (tmp_path / "out").glob("*.png"):
         assert is_drawn(picture)
     for kind in ("result", "points"):
-        assert opened(series.last_file(tmp_path / "out", kind)).GetNumberOfPoints() > 40
+        fewest = 40 if name == "grains_biaxial" else 100  # a packing at each point keeps that mesh coarse
+        assert opened(series.last_file(tmp_path / "out", kind)).GetNumberOfPoints() > fewest
 
 
 def test_schema_directives_point_at_the_schema() -> None:
