@@ -17,6 +17,14 @@ FormatOption = Annotated[
 ]
 
 
+PictureFormatOption = Annotated[
+    str | None,
+    typer.Option(
+        "--picture-format", metavar="png,pdf,svg", help="Formats of pictures, with commas between; PNG if not given."
+    ),
+]
+"""Where `--format` means that of another file."""
+
 DRAWING = {"run", "point", "dem", "verify", "cost", "convergence", "measure", "fit", "mesh", "plot"}
 
 
@@ -38,11 +46,22 @@ def _with_formats(command: Callable[..., Any]) -> Callable[..., Any]:
     hints = get_type_hints(command, include_extras=True)
     given = inspect.signature(command)
     own = [parameter.replace(annotation=hints[name]) for name, parameter in given.parameters.items()]
-    option = inspect.Parameter("formats_given", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=FormatOption)
+    annotation = PictureFormatOption if _has_format(hints) else FormatOption
+    option = inspect.Parameter("formats_given", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
     drawing.__signature__ = given.replace(parameters=[*own, option])  # type: ignore[attr-defined]
-    drawing.__annotations__ = {**hints, "formats_given": FormatOption}
+    drawing.__annotations__ = {**hints, "formats_given": annotation}
     del drawing.__wrapped__  # type: ignore[attr-defined]  # its signature is another
     return drawing
+
+
+def _has_format(hints: dict[str, Any]) -> bool:
+    """Whether a command has a `--format` of its own."""
+    return any(
+        # in an annotation the first name stands where the default would
+        "--format" in (getattr(part, "default", None), *(getattr(part, "param_decls", None) or ()))
+        for hint in hints.values()
+        for part in getattr(hint, "__metadata__", ())
+    )
 
 
 def exit_by(outcome: str) -> None:

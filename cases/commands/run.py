@@ -14,7 +14,7 @@ import numpy as np
 from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.decision import Decision
-from granfabric.cases.effects.resolve import resolve_field
+from granfabric.cases.effects.resolve import is_undecided, resolve_field
 from granfabric.cases.errors import InputError
 from granfabric.cases.field import comparison, grains_run, initial_balance, locking, mesh_error_estimate, mesh_table
 from granfabric.cases.field.body_report import BodyReport
@@ -112,6 +112,12 @@ def run_field(
             effects_choice.check(loaded)
         prepared = prepare(loaded)
         hosts.check(team, loaded, prepared.problem)
+        if earlier is not None and not grains and is_undecided(earlier):
+            same, as_begun, _ = resolve_field(loaded, prepared, earlier)
+            scene = resolved(same, as_begun.effects)
+            resumption.check_same_input(folder, earlier, scene, resumption.mesh_digest(scene))
+            screen.say("no step was finished; starting at the beginning")
+            earlier = None
         second_order = loaded.scene.mesh.element.endswith("2")
         mesh_table.show(prepared.problem.space.host_mesh, screen, second_order)
         waited = 0.0 if earlier is not None else _compile(loaded, kernels, watch, stop)

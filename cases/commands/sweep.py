@@ -14,7 +14,6 @@ from granfabric.cases.engine import kernels
 from granfabric.cases.engine.choice import Choice
 from granfabric.cases.engine.jobs import Ended, Job
 from granfabric.cases.errors import InputError, several
-from granfabric.cases.field.groups import named_boundaries
 from granfabric.cases.records import files
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.resumption import identity, mesh_digest, other_versions
@@ -22,9 +21,10 @@ from granfabric.cases.scene import build
 from granfabric.cases.scene.owner import Owner
 from granfabric.cases.scene.reader import LoadedScene, load
 from granfabric.cases.sweep import record as kept
+from granfabric.cases.sweep.field_columns import refuse_missing
 from granfabric.cases.sweep.plan import Plan, Request, Run, plan_of
 from granfabric.cases.sweep.record import NOT_BEGUN, State
-from granfabric.cases.sweep.results import Result, missing_boundaries, results_of
+from granfabric.cases.sweep.results import Result, results_of
 from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 
@@ -203,9 +203,7 @@ def _check(sweep: Sweep, screen: Screen) -> _Checked:
     ((kind, loaded),) = kinds.items()
     results = results_of(sweep.results, kind)
     if kind == "field":
-        boundaries, supported = named_boundaries(loaded.scene)
-        columns = [f"displacement_{name}_{axis}" for name in boundaries for axis in "xy"]
-        missing_boundaries(results, columns + [f"reaction_{name}_{axis}" for name in supported for axis in "xy"])
+        refuse_missing(results, loaded)
     # what is the same in all runs: the scene as it stands with what has one value, the first of what has several
     called = loaded.called if loaded.called == loaded.name else str(loaded.file.resolve())
     return _Checked(plan, _common(base, plan), marks, results, loaded, called, tuple(sorted(groups)))

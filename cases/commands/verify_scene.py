@@ -105,7 +105,7 @@ def run_verify_scene(
         record = Record(folder, owner.name, data, is_scene=False)
         record.write()
         screen.keep_log(folder / files.LOG, versions())
-        file = folder / "grains.toml"
+        file = folder / files.GRAINS
         files.write_text(file, to_toml(table))
         with record.phase("law"):
             first = run_field(loaded, folder / LAW, screen, overwrite=True)

@@ -16,6 +16,7 @@ from granfabric.cases.pictures.style import BLUE, ORANGE, picture
 from granfabric.cases.scene import catalogue, effects_choice
 from granfabric.cases.scene.effects_choice import MEMORY, EffectSet, all_names, everything
 from granfabric.cases.scene.reader import LoadedScene, load
+from granfabric.cases.scene.schema_law_kind import is_grains
 
 from .front import mark_fronts
 from .study import COMMON_COLUMNS, Column, Effort, Row, Study, StudyError
@@ -28,8 +29,9 @@ QUICK = ("p_constant", "simple_shear", "biaxial", "pressurised_cavity")
 
 
 def scene_names() -> list[str]:
-    """Shipped scenes that have effects."""
-    return [name for name, entry in catalogue.shipped().items() if entry.kind in KINDS]
+    """Shipped scenes that have effects: grains at the points have none to leave out."""
+    names = [name for name, entry in catalogue.shipped().items() if entry.kind in KINDS]
+    return [name for name in names if not is_grains(load(name).scene)]
 
 
 def coarse(name: str, every: Sequence[str] = ()) -> LoadedScene:

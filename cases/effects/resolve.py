@@ -17,6 +17,8 @@ from .decision import Decision, decide_field, decide_point
 from .probe import index_of, network_of_state, pore_pressure_of
 
 DECIDED_BY_SCENE = "the scene leaves nothing to decide"
+STOPPED_BEFORE = "stopped before it"
+"""The note of a run that was asked to stop before its effects were decided: it took no step."""
 
 
 def resolve_point(loaded: LoadedScene) -> tuple[LoadedScene, Decision]:
@@ -58,11 +60,16 @@ def resolve_field(
     elif effects_choice.is_decided(loaded.scene):
         decision = Decision(effects_choice.everything(loaded.scene), note=DECIDED_BY_SCENE)
     elif hasty:
-        decision = Decision(effects_choice.everything(loaded.scene), note="stopped before it")
+        decision = Decision(effects_choice.everything(loaded.scene), note=STOPPED_BEFORE)
     else:
         decision = decide_field(loaded, prepared)
     made = effects_choice.with_decided(loaded, decision.chosen)
     return made, with_effects(made, prepared), decision
+
+
+def is_undecided(earlier: dict[str, Any]) -> bool:
+    """Whether a run was stopped before its effects were decided, so that to go on with it is to begin."""
+    return (earlier.get("decision") or {}).get("note") == STOPPED_BEFORE
 
 
 def with_effects(loaded: LoadedScene, prepared: Prepared) -> Prepared:

@@ -66,10 +66,10 @@ def _beginning(folder: Path, last: Any, first: Any) -> Any:
     if len(first.points) == len(last.points) and np.array_equal(first.points, last.points):
         return first
     begun = {name: np.full_like(values, np.nan) for name, values in last.point_data.items()}
-    missing = np.arange(len(last.points))
+    missing, wanted = np.arange(len(last.points)), _labelled(last)
     for file in series.steps(folder, "result").values():
         content = series.read(file)
-        distance, found = cKDTree(content.points).query(last.points[missing])
+        distance, found = cKDTree(_labelled(content)).query(wanted[missing])
         there = distance == 0.0
         for name, values in begun.items():
             values[missing[there]] = content.point_data[name][found[there]]
@@ -77,6 +77,15 @@ def _beginning(folder: Path, last: Any, first: Any) -> Any:
         if not len(missing):
             break
     return meshio.Mesh(last.points, last.cells, point_data=begun)
+
+
+def _labelled(mesh: Any) -> Array:
+    """Places of the nodes with the material instead of z: where materials meet, each has a node of its own there."""
+    places = np.array(mesh.points, dtype=np.float64)
+    places[:, 2] = 0.0
+    for block, material in zip(mesh.cells, mesh.cell_data.get("material", [])):
+        places[block.data, 2] = np.asarray(material)[:, None]
+    return places
 
 
 def _abscissa(columns: dict[str, NDArray[Any]], scene: dict[str, Any]) -> tuple[Array, str]:

@@ -72,7 +72,7 @@ class FieldRecorder:
         advance: Callable[[float, str], None],
         checkpoints: CheckpointFolder,
         resumed: Checkpoint | None = None,
-        compression: Compression = "fast",
+        compression: Compression = "none",
         probes: dict[str, NDArray[np.float64]] | None = None,
     ) -> None:
         self.closing = 0.0

@@ -29,22 +29,24 @@ MATERIAL = "material.toml"
 FAILED_POINT = "failed_point.toml"
 FAILED_PACKING = "failed_point.npz"
 """The packing of a failed point with grains."""
+GRAINS = "grains.toml"
+"""The scene with grains at its points that a comparison makes."""
 OF_DATA = ("fit.csv", "fit.png", "data.csv", "data.png")
 OF_SWEEP = ("index.csv", "results.csv", "results.png", "scatter.csv")
 PICTURES = (
     *("overview.png", "microvariables.png", "fabric_decomposition.png", "stress_strain.png", "packing.png"),
-    "distributions.png",
+    *("distributions.png", "scene_comparison.png"),
     *("closed_form.png", "convergence.png", "map.png", *(f"figure_{number}.png" for number in range(1, 7))),
 )
 TABLES = (
     *("verify.csv", "verify.md", "paths.csv", "probes.csv", "closures.csv", "convergence.csv"),
-    *("map.csv", "map_curves.csv", "map.md"),
+    *("map.csv", "map_curves.csv", "map.md", "scene_comparison.csv"),
 )
 LOG = "run.log"
-SERIES = ("result", "points", "particles", "contacts")
+SERIES = ("result", "points", "particles", "contacts", "fields")
 OWN_FILES = (
     *(RECORD, HISTORY, LOG, SCENE, FAILED_POINT, FAILED_PACKING, PACKING, CHECKPOINT),
-    *(f"{CHECKPOINT}.part", f"{PACKING}.part"),
+    *(f"{CHECKPOINT}.part", f"{PACKING}.part", GRAINS),
     *(MATERIAL, COMPARISON, MESH_ERROR, *TABLES, *(f"{name}.pvd" for name in SERIES), *PICTURES),
     *OF_DATA,
     *OF_SWEEP,

@@ -16,8 +16,8 @@ TOTAL = ("reaction_total_x", "reaction_total_y", "reaction_total_moment")
 class ReactionColumns:
     """Moments about the origin of the forces of the supports on the body, and their sums; none without supports.
 
-    A node that belongs to two boundaries counts for both, and once in the total, which holds supported single points as
-    well: with the loads it is in equilibrium.
+    A node that belongs to two boundaries counts for both, and once in the total, which holds supported points and
+    displaced rigid bodies as well: with the loads, and the forces of springs, it is in equilibrium.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ class FieldOutput(Output):
     """What a field run writes besides history.csv and run.json, and what its picture shows."""
 
     compression: Literal["none", "fast", "small"] = Field(
-        default="fast",
+        default="none",
         description='of files: "none" takes least time, "small" least room at twenty times the time of "fast"',
     )
     maps: Annotated[list[MapName], Field(max_length=4)] = Field(

@@ -96,13 +96,20 @@ def walk(model: type[BaseModel], location: tuple[Any, ...]) -> tuple[list[Any], 
                 owner = None
         elif not _is_union_member(part):
             keys.append(part)
-            owner, declaration = inside, None
+            named = inside is None and declaration is not None and _has_table(declaration.annotation)
+            owner, declaration = inside, declaration if named else None  # of `{ NAME = value }` the values are declared
     return keys, owner, declaration
 
 
 def _is_union_member(part: Any) -> bool:
     text = str(part)
-    return text in {"bool", "float", "int", "str", "none"} or text.startswith(("literal[", "list[", "constrained"))
+    members = ("literal[", "list[", "dict[", "constrained")
+    return text in {"bool", "float", "int", "str", "none"} or text.startswith(members)
+
+
+def _has_table(annotation: Any) -> bool:
+    """Whether one of the types of a key is a table of values by name."""
+    return get_origin(annotation) is dict or any(_has_table(part) for part in get_args(annotation))
 
 
 def messages(error: ValidationError, model: type[BaseModel], data: Any) -> list[tuple[list[Any], str]]:
@@ -129,8 +136,13 @@ def messages(error: ValidationError, model: type[BaseModel], data: Any) -> list[
     )
     found: dict[tuple[Any, ...], str] = {}
     meant: set[tuple[Any, ...]] = set()
+    reached = [tuple(walk(model, problem["loc"])[0]) for problem in problems]
     for problem in problems:
         keys, owner, declaration = walk(model, problem["loc"])
+        if problem["type"] in TYPE_NAMES and any(
+            len(other) > len(keys) and other[: len(keys)] == tuple(keys) for other in reached
+        ):
+            continue  # of a key of several types: what was given is of another one, with a mistake inside
         if problem["type"] == "extra_forbidden" and owner is not None:
             given = str(keys[-1])[:LONGEST_NAME]
             counterpart, _ = COUNTERPARTS.get(given.lower(), ("", ""))

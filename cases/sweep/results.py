@@ -30,15 +30,17 @@ HOW: dict[str, Callable[[Array], Any]] = {
 }
 AT = "at"
 RATIO = "q/p"
-"""A column that no file has and every history gives."""
-FIELD_FAMILIES = ("displacement_", "reaction_")
-"""Columns of a field are further these, by boundary."""
+"""A column that no file has and every history gives; of the effective stress, where there is pore fluid."""
+FIELD_FAMILIES = ("displacement_", "reaction_", "rigid_", "spring_", "region_")
+"""Columns of a field are further these, by boundary or region."""
+LOAD_FACTOR = "load_factor"
+"""A column of fields in which a displacement leads the loads."""
 MATERIAL, TIMING = "material.", "timing."
 """What a DEM run measured, and times of run.json."""
 
 COLUMNS: dict[str, tuple[str, ...]] = {
     "point": (*POINT_COLUMNS, *SLIDING_COLUMNS, *PORE_COLUMNS, RATIO),
-    "field": ("step", "fraction", *BODY, *NETWORK, *pore_columns.PORE, *COUNTS, RATIO),
+    "field": ("step", "fraction", *BODY, *NETWORK, *pore_columns.PORE, *COUNTS, LOAD_FACTOR, RATIO),
     "dem": (*HISTORY_COLUMNS, RATIO),
 }
 DEFAULTS = {
@@ -111,7 +113,8 @@ def _check_column(text: str, column: str, kind: str) -> None:
         return
     if kind == "field" and column == "stage":
         raise InputError(f"--result {text}: the column 'stage' holds words")
-    families = [f"{family}BOUNDARY_x" for family in FIELD_FAMILIES] if kind == "field" else []
+    examples = ("displacement_BOUNDARY_x", "reaction_BOUNDARY_x", "rigid_BOUNDARY_force_y", "region_REGION_p")
+    families = list(examples) if kind == "field" else []
     legal = [*COLUMNS[kind], *families, f"{TIMING}total", *([f"{MATERIAL}KEY"] if kind == "dem" else [])]
     raise InputError(f"--result {short(text)}: {unknown('the column of history.csv', column, legal)}")
 
@@ -149,8 +152,9 @@ def _history(folder: Path) -> dict[str, Array]:
         for name, values in table.items()
         if values and all(isinstance(value, float) for value in values)
     }
-    if "p" in numbers and "q" in numbers:
-        p, q = numbers["p"], numbers["q"]
+    carried = "effective_p" if "effective_p" in numbers else "p"  # by the grains, as everywhere else
+    if carried in numbers and "q" in numbers:
+        p, q = numbers[carried], numbers["q"]
         numbers[RATIO] = np.divide(q, p, out=np.full_like(q, math.nan), where=p > 0.0)
     return numbers
 
@@ -181,17 +185,3 @@ def first_crossing(other: Array, values: Array, level: float) -> float:
     row = int(between[0])
     share = before[row] / (before[row] - before[row + 1])
     return float(values[row] + share * (values[row + 1] - values[row]))
-
-
-def missing_boundaries(results: Sequence[Result], columns: Sequence[str]) -> None:
-    """See that columns by boundary are among those that a run of the scene writes.
-
-    Raises
-    ------
-    InputError
-    """
-    for result in results:
-        for name in (result.column, result.other):
-            if name.startswith(FIELD_FAMILIES) and name not in columns:
-                legal = [column for column in columns if column.startswith(FIELD_FAMILIES)]
-                raise InputError(f"--result {result.text}: {unknown('the column of history.csv', name, legal)}")

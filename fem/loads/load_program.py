@@ -140,6 +140,7 @@ class LoadProgram:
         previous = np.empty(0, dtype=np.int64)
         self._forces = ForceProgram(space.ndofs)
         bodies = bodies_of_stages(space, stages)
+        refuse_touched(space, stages, bodies)
         body: Body | None = None
         for stage, following in zip(stages, bodies):
             before, body = body, following
@@ -199,7 +200,6 @@ class LoadProgram:
                     end[places] = start[places] + reached * (end[places] - start[places])
             moved[constrained] = end
             known, previous = moved, now
-        refuse_touched(space, stages, bodies)
 
     def _with_ties(self, space: Space, terms: StageTerms, ties: list[Tie], known: Array) -> StageTerms:
         """Terms with rigid bodies and what is led."""

@@ -105,33 +105,41 @@ def refuse_absent(space: Space, load: Load, body: Body, stage: str, constraints:
 def refuse_touched(space: Space, stages: Sequence[Stage], bodies: Sequence[Body | None]) -> None:
     """Refuse springs and rigid bodies on what stages take away or add: there a boundary would change its shape.
 
+    What has changed before the first stage that names a boundary does no harm, if all of the boundary is there then and
+    it is an outer one of the mesh: a footing on a fill, for instance.
+
     Raises
     ------
     LoadError
         Naming the load and the stage that changes what it acts on.
     """
-    for changing, body in zip(stages, bodies):
-        if body is None or not body.changes:
-            continue
-        cells = np.zeros(space.nelements, dtype=bool)
-        cells[body.removed] = cells[body.placed] = True
-        nodes = np.zeros(space.nnodes, dtype=bool)
-        nodes[space.element_nodes[cells]] = True
-        for stage in stages:
-            for load in stage.loads:
-                if isinstance(load, Spring):
-                    beside = space.host_mesh.mesh.f2t[:, space.host_mesh.facets(load.boundary)]
-                    touched, what = bool(((beside >= 0) & cells[beside]).any()), "springs"
-                elif isinstance(load, RigidBody):
-                    touched, what = bool(nodes[space.boundary_nodes(load.boundary)].any()), "a rigid body"
-                else:
-                    continue
-                if touched:
-                    raise LoadError(
-                        f"stage {stage.name!r} has {what} on boundary {load.boundary!r}, and stage {changing.name!r} "
-                        "activates or deactivates elements there; springs and rigid bodies need a boundary whose "
-                        "elements stay as they are"
-                    )
+    first: dict[tuple[type, str], int] = {}
+    for place, stage in enumerate(stages):
+        for load in stage.loads:
+            if isinstance(load, (RigidBody, Spring)) and load.boundary in space.host_mesh.boundaries:
+                first.setdefault((type(load), load.boundary), place)
+    for (kind, name), begins in first.items():
+        beside = space.host_mesh.mesh.f2t[:, space.host_mesh.facets(name)]
+        outer = bool((beside[1] < 0).all())
+        body = bodies[begins]
+        late = begins if outer and body is not None and body.active[beside[0]].all() else 0
+        for changing, body in zip(stages[late:], bodies[late:]):
+            if body is None or not body.changes:
+                continue
+            cells = np.zeros(space.nelements, dtype=bool)
+            cells[body.removed] = cells[body.placed] = True
+            if kind is Spring:
+                touched, what = bool(((beside >= 0) & cells[beside]).any()), "springs"
+            else:
+                nodes = np.zeros(space.nnodes, dtype=bool)
+                nodes[space.element_nodes[cells]] = True
+                touched, what = bool(nodes[space.boundary_nodes(name)].any()), "a rigid body"
+            if touched:
+                raise LoadError(
+                    f"stage {stages[begins].name!r} has {what} on boundary {name!r}, and stage {changing.name!r} "
+                    "activates or deactivates elements there; springs and rigid bodies need a boundary whose "
+                    "elements stay as they are, on a fill from the stage after its placement on"
+                )
 
 
 def nearest(space: Space, point: Sequence[float]) -> int:
@@ -152,7 +160,8 @@ def resolve(space: Space, load: Load, stage: Stage, named: Named) -> None:
         for component in components:
             values = np.full(len(nodes), np.nan)
             if isinstance(load, Displacement):
-                values[:] = values_at(f"the displacement of {place}", load.value, (), *space.nodes[nodes].T)
+                owner = f"stage {stage.name!r}: the displacement of {place}"
+                values[:] = values_at(owner, load.value, (), *space.nodes[nodes].T)
             if (place, component) in named.constraints:
                 raise LoadError(f"stage {stage.name!r} prescribes component {component} of {place} twice")
             dofs = 2 * nodes + COMPONENTS.index(component)
@@ -161,13 +170,19 @@ def resolve(space: Space, load: Load, stage: Stage, named: Named) -> None:
     if isinstance(load, Spring):
         if load.boundary in named.springs:
             raise LoadError(f"stage {stage.name!r} has springs on boundary {load.boundary!r} twice")
-        named.springs[load.boundary] = (load, load.matrix(space))
+        try:
+            named.springs[load.boundary] = (load, load.matrix(space))
+        except LoadError as error:
+            raise _of_stage(stage, error) from None
         return
     if isinstance(load, RigidBody):
         key, vector = _tied(space, load, stage, named, amplitude)
         force = NodalForce(vector, amplitude, lambda other: vector)
     else:
-        key, vector = _force(space, load)
+        try:
+            key, vector = _force(space, load)
+        except LoadError as error:
+            raise _of_stage(stage, error) from None
         force = NodalForce(vector, amplitude, lambda other: _force(other, load)[1])
     if key in named.forces:
         raise LoadError(f"stage {stage.name!r} prescribes the {key[0]} on {key[1]!r} twice")
@@ -191,6 +206,12 @@ def _tied(space: Space, load: RigidBody, stage: Stage, named: Named, amplitude: 
     prescribed = (load.displacement[0] is not None, load.displacement[1] is not None, load.rotation != "free")
     named.ties[load.boundary] = Tie(contact, prescribed, target, amplitude)
     return (BODY, load.boundary), vector
+
+
+def _of_stage(stage: Stage, error: LoadError) -> LoadError:
+    """The same with the stage before it, unless it names the stage itself."""
+    text = str(error)
+    return LoadError(text if text.startswith("stage ") else f"stage {stage.name!r}: {text}")
 
 
 def _force(space: Space, load: Traction | Pressure | BodyForce) -> tuple[Key, Array]:

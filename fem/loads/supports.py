@@ -45,13 +45,22 @@ def bodies_of(space: Space, active: NDArray[np.bool_] | None = None) -> NDArray[
 def refuse_loose_bodies(space: Space, terms: Sequence[StageTerms]) -> None:
     """See that in each stage each of several bodies is held against moving and turning.
 
+    A single body may be free, in balance under its loads (see `free_motions`); where it was held at the outset, what
+    stages take away may not leave it free.
+
     Raises
     ------
     LoadError
         Naming the stage, the body and the motion that is free.
     """
+    whole = next((not free for _, _, free in _loose(space, terms[:1])), False)  # and held at the outset
     for stage, body, loose in _loose(space, terms):
         count = int(body.max()) + 1
+        if loose and count == 1 and whole and (body < 0).any():
+            raise LoadError(
+                f"stage {stage!r}: what is left of the body is free to {loose[0][1]}; hold it by fixed, displacement "
+                "or fixed_point, or leave the ground that held it"
+            )
         if count > 1 and loose:
             number, free = loose[0]
             x, y = space.nodes[np.flatnonzero(body == number)[0]]

@@ -135,7 +135,7 @@ class FieldWriter:
         description: LawDescription,
         keep: Callable[[int], bool] | None = None,
         material_index: NDArray[np.integer] | None = None,
-        compression: Compression = "fast",
+        compression: Compression = "none",
     ) -> None:
         self.folder = Path(folder)
         self._description, self._shown = shown_part(description)

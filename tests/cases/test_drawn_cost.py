@@ -431,8 +431,35 @@ def test_findings_on_closures() -> None:
     )
 
 
+def test_grains_at_the_points(pictures: dict[str, Any], tmp_path: Path) -> None:
+    """Each row of the table at its place: errors over milliseconds, scatters over disks, a bar for each tangent."""
+    pace = [
+        {"facet": "pace", "series": name, "setting": place, "error": 1e-4 * (place + 1), "seconds": 0.01 * (3 - place)}
+        for name in ("strain step", "rest tolerance", "increments")
+        for place in range(3)
+    ]
+    sizes = [
+        {"facet": "disks", "setting": disks, "scatter_ratio": 1.0 / disks, "scatter_coordination": 2.0 / disks,
+         "scatter_fabric": 3.0 / disks} for disks in (100, 400)
+    ]  # fmt: skip
+    tangents = [
+        {"facet": "tangents", "series": name, "seconds": seconds, "newton_iterations": count}
+        for name, seconds, count in (("secant", 1.5, 29), ("network", 2.0, 40))
+    ]
+    STUDIES["grains"].draw(tmp_path / "g.png", [*pace, *sizes, *tangents])
+    first, second, third = pictures["g.png"].axes
+    for line, name in zip(first.get_lines(), ("strain step", "rest tolerance", "increments"), strict=True):
+        assert line.get_label() == name
+        np.testing.assert_allclose(line.get_xydata(), [[30.0, 1e-4], [20.0, 2e-4], [10.0, 3e-4]])
+    for line, factor, label in zip(second.get_lines(), (1.0, 2.0, 3.0), ("q/p", "z", "$a_c$"), strict=True):
+        assert line.get_label() == label
+        np.testing.assert_allclose(line.get_xydata(), [[100.0, factor / 100.0], [400.0, factor / 400.0]])
+    assert named_bars(third, ("secant", "network")) == {"secant": 1.5, "network": 2.0}
+    assert [text.get_text() for text in third.texts] == ["1.5 s, 29 it.", "2 s, 40 it."]
+
+
 def test_every_picture_of_a_study_is_tested_here() -> None:
-    assert set(STUDIES) == {*LABELS, "effects", "decisions", "tangents", "distributions", "closures"}
+    assert set(STUDIES) == {*LABELS, "effects", "decisions", "tangents", "distributions", "closures", "grains"}
     assert work_precision_module.FRONT == FRONT
 
 

@@ -311,7 +311,7 @@ def test_each_kind_of_result_is_drawn_by_its_own_module(pictures: dict[str, Any]
         tmp_path / "history.csv", files.csv_text(list(columns), list(zip(*(c.tolist() for c in columns.values()))))
     )
     plots.draw(tmp_path, {**STRESS_PATH, "kind": "point"})
-    assert set(pictures) == {"microvariables.png", "fabric_decomposition.png"}
+    assert set(pictures) == {"microvariables.png", "fabric_decomposition.png", "stress_strain.png"}
     same(unnamed(pictures["microvariables.png"].axes[0])[0], columns["q"] / columns["p"], columns["coordination"])
     pictures.clear()
     made = field_columns()

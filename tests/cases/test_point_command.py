@@ -77,7 +77,7 @@ def test_files_columns_and_bookkeeping_of_every_point_scene(
 ) -> None:
     result = granfabric("point", scene, "-o", tmp_path, *(() if drawn else NO_PICTURES))
     assert result.code == 0, result.err
-    pictures = {"microvariables.png", "fabric_decomposition.png"} if drawn else set()
+    pictures = {"microvariables.png", "fabric_decomposition.png", "stress_strain.png"} if drawn else set()
     assert {file.name for file in tmp_path.iterdir()} == {"history.csv", "run.json", "run.log", "scene.toml"} | pictures
     columns = history(tmp_path)
     assert list(columns)[: len(COLUMNS)] == COLUMNS
@@ -206,7 +206,7 @@ def test_plot_makes_the_pictures_again_from_the_files(
     """What the run drew and what `plot` draws is the history; with another history in the folder it is that one."""
     assert granfabric("point", "p_constant", "-o", tmp_path).code == 0
     first = dict(pictures)
-    assert set(first) == {"microvariables.png", "fabric_decomposition.png"}
+    assert set(first) == {"microvariables.png", "fabric_decomposition.png", "stress_strain.png"}
 
     def drawn() -> np.ndarray:
         return unnamed(pictures["microvariables.png"].axes[0])[0][1]
@@ -227,7 +227,7 @@ def test_pictures_have_no_date_in_them(granfabric: Callable, tmp_path: Path, is_
     """The same history gives the same bytes at another time."""
     assert granfabric("point", "p_constant", "-o", tmp_path).code == 0
     before = {file.name: file.read_bytes() for file in tmp_path.glob("*.png")}
-    assert len(before) == 2 and all(is_drawn(tmp_path / name) for name in before)
+    assert len(before) == 3 and all(is_drawn(tmp_path / name) for name in before)
     for name in before:
         (tmp_path / name).unlink()
     assert granfabric("plot", tmp_path).code == 0

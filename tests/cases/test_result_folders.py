@@ -163,7 +163,6 @@ ELSEWHERE = {
     "{}_mesh.png": "where the user asks for it",
     "schema.json": "beside the scenes",
     "notes.json": "kept runs of the DEM",
-    "inputs.json": "measured inputs of kept packings",
     "map_{}.png": "figures of the paths of a map, see files.OF_MAP",
     "material_{}.toml": "measured inputs of the materials of a map, see files.OF_MAP",
     "{}.toml": "shipped materials",
@@ -175,6 +174,8 @@ ELSEWHERE = {
     "{}.pvd": "a series, see files.SERIES",
     "{}_{}.vtu": "a series, see files.SERIES",
     "probe_{}.csv": "a pattern of its own",
+    "{}_disks_seed_{}_{}.npz": "packings in a store of their own",
+    "{}_inputs.json": "measured inputs of kept packings",
 }
 """Names in the code that are no files of a run in its result folder, and what they are."""
 

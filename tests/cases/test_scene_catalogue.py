@@ -53,7 +53,10 @@ def test_a_copy_runs_and_vtk_reads_it(
     assert result.code == 0, result.err
     assert is_drawn(tmp_path / "out" / "overview.png") and is_drawn(tmp_path / "out" / "closed_form.png")
     grid = opened(series.last_file(tmp_path / "out", "result"))
-    assert grid.GetNumberOfCells() == 32 and grid.GetCell(0).GetCellType() == 22  # quadratic triangles
+    # quadratic triangles, those with a side on the hole written as four
+    kinds = [grid.GetCell(number).GetCellType() for number in range(grid.GetNumberOfCells())]
+    elements = vtk_to_numpy(grid.GetCellData().GetArray("element"))
+    assert set(kinds) <= {5, 22} and len(np.unique(elements)) == 32
     points = vtk_to_numpy(grid.GetPoints().GetData())
     radius = np.hypot(points[:, 0], points[:, 1])
     # The hole stays a hole, its midside nodes on the circle: 4 sides of three nodes.
@@ -102,7 +105,8 @@ def test_every_scene_runs_and_is_drawn(name: str, granfabric: Callable, tmp_path
     for picture in (tmp_path / "out").glob("*.png"):
         assert is_drawn(picture)
     for kind in ("result", "points"):
-        assert opened(series.last_file(tmp_path / "out", kind)).GetNumberOfPoints() > 100
+        fewest = 40 if name == "grains_biaxial" else 100  # a packing at each point keeps that mesh coarse
+        assert opened(series.last_file(tmp_path / "out", kind)).GetNumberOfPoints() > fewest
 
 
 def test_schema_directives_point_at_the_schema() -> None:

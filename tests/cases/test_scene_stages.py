@@ -14,7 +14,8 @@ from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 import granfabric as gf
 from granfabric.cases.commands import hosts
 from granfabric.cases.field.prepare import prepare
-from granfabric.cases.records import files
+from granfabric.cases.pictures import field
+from granfabric.cases.records import files, series
 from granfabric.cases.scene.reader import load
 from granfabric.fem.equilibrium.imbalance import initial_imbalance
 
@@ -97,6 +98,19 @@ def test_the_slope_is_as_its_text_says(tmp_path: Path) -> None:
     assert last.coordination_smallest["load"] == pytest.approx(3.02, abs=0.02)
 
 
+def test_changes_are_drawn_material_by_material(tunnel: gf.Results) -> None:
+    """Where layers meet each has nodes of its own, and each is compared with its own beginning."""
+    last = series.read(series.last_file(tunnel.folder, "result"))
+    first = series.read(series.first_file(tunnel.folder, "result"))
+    assert len(first.points) > len(last.points)
+    begun = field._beginning(tunnel.folder, last, first)
+    layers = np.isclose(last.points[:, 1], -3.0)
+    assert layers.sum() > 20
+    before, after = begun.point_data["coordination"][layers], last.point_data["coordination"][layers]
+    assert np.ptp(before) > 0.3  # of two packings
+    assert np.abs(after - before).max() < 0.15
+
+
 # initial stress from weight -----------------------------------------------------------------------------------------
 
 GROUND = """
@@ -152,6 +166,8 @@ def test_level_ground_is_in_balance(ground: Path) -> None:
         (["stage.0.name='start'"], "has to be named 'initial'"),
         (["initial.k0={all=0.5, most=0.6}"], "the region 'most' is unknown (legal: all); the nearest is 'all'"),
         (["initial.k0={}"], "k0 names no region"),
+        (["initial.k0={all=-0.5}"], "initial.k0.all = -0.5 is outside its bounds (0"),
+        (["initial.k0={all='half'}"], "initial.k0.all = 'half' is not a number"),
         (["initial.from='gravity'", "initial.balance=true"], "leave out balance"),
         (["stage.1.deactivate=['al']"], "the region 'al' is unknown (legal: all); the nearest is 'all'"),
         (["stage.1.deactivate=['all', 'all']"], "deactivate names region 'all' twice"),

@@ -16,8 +16,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from granfabric.cases.field.prepare import prepare
 from granfabric.cases.records import files
+from granfabric.cases.records.field_history import FieldHistory
+from granfabric.cases.scene.reader import load
 from granfabric.cases.sweep import pictures as sweep_pictures
+from granfabric.cases.sweep.field_columns import field_columns
+from granfabric.cases.sweep.results import FIELD_FAMILIES, LOAD_FACTOR
 
 SCENE = "p_constant"
 ASKED = ("sweep", SCENE, "--set", "material.coordination=3.9,4.0", "--set", "path.0.increments=5,10", "--result",
@@ -183,6 +188,23 @@ def test_columns_of_boundaries_are_those_of_the_scene(granfabric: Callable, tmp_
     arguments = ("sweep", "biaxial", "--set", "material.coordination=3.9,4", "-o", tmp_path / "out", "--result")
     result = granfabric(*arguments, "reaction_roof_y")
     assert result.code == 2 and "reaction_top_y" in result.err and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("scene", ["tunnel", "rigid_footing", "layered_oedometer"])
+def test_what_may_be_asked_for_is_what_a_run_writes(scene: str) -> None:
+    loaded = load(scene, [])
+    ready = prepare(loaded)
+    problem = ready.problem
+    law, space = problem.law.description, problem.space
+    history = FieldHistory(space, law, ready.boundaries, ready.supported, problem.program)
+    varying = (*FIELD_FAMILIES, LOAD_FACTOR)
+    assert set(field_columns(loaded)) == {name for name in history.names if name.startswith(varying)}
+
+
+def test_a_load_factor_needs_a_control(granfabric: Callable, tmp_path: Path) -> None:
+    arguments = ("sweep", "biaxial", "--set", "material.coordination=3.9,4", "-o", tmp_path / "out", "--result")
+    result = granfabric(*arguments, "load_factor:max")
+    assert result.code == 2 and "no stage of the scene has a control" in result.err and not (tmp_path / "out").exists()
 
 
 def test_errors_of_a_line_name_it(granfabric: Callable, tmp_path: Path) -> None:

@@ -222,6 +222,23 @@ def test_numbers_of_a_history(tmp_path: Path) -> None:
     assert all(math.isnan(value) for value in evaluate(tmp_path / "none", results).values())
 
 
+def test_the_stress_ratio_is_that_of_the_grains(tmp_path: Path) -> None:
+    rows = [(0, 100.0, 60.0, 0.0), (1, 100.0, 40.0, 20.0)]  # total and effective pressure
+    files.write_text(tmp_path / "history.csv", files.csv_text(["step", "p", "effective_p", "q"], rows))
+    for kind in ("point", "field"):
+        wanted = [result_of(text, kind) for text in ("q/p", "step:at:q/p=0.25")]
+        assert list(evaluate(tmp_path, wanted).values()) == pytest.approx([0.5, 0.5], rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    "column", ["load_factor", "rigid_footing_displacement_y", "spring_bottom_y", "region_clay_p", "reaction_top_moment"]
+)
+def test_all_columns_of_a_field_can_be_asked_for(column: str) -> None:
+    assert result_of(f"{column}:max", "field").column == column
+    with pytest.raises(InputError, match="unknown"):
+        result_of(f"{column}:max", "point")
+
+
 def test_the_first_crossing_is_linear_between_rows() -> None:
     other, values = np.array([0.0, 2.0, 1.0, 3.0]), np.array([0.0, 10.0, 20.0, 30.0])
     assert first_crossing(other, values, 1.5) == pytest.approx(7.5)

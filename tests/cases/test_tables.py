@@ -502,9 +502,9 @@ def test_sentences_of_the_audit() -> None:
     # friction 0.2 is used up earlier; where it carries more, or does not slip at all, the usual bound stays
     used_up = "beyond 0.17, tangential_force_ratio/(2 slip), tangential forces"
     for slip, known in ((2.3, used_up), (1.0, "beyond 0.25 s"), (0.0, "beyond 0.25 s")):
-        scene.closure = Closure(force_change="shifted_distribution", tangential_force_ratio=0.78, slip=slip)
+        scene.closure = ClosureSection(force_change="shifted_distribution", tangential_force_ratio=0.78, slip=slip)
         assert f"q/p reaches 0.31 without sliding; {known}" in effects_audit.messages(audit, scene)[-1]
-    scene.closure = Closure(force_change="shifted_distribution", slip=2.3)
+    scene.closure = ClosureSection(force_change="shifted_distribution", slip=2.3)
     assert not any("sliding" in text for text in effects_audit.messages(Audit([], 0.16), scene))
     data = effects_audit.as_data(Audit([entry("contact_gain", True, largest=np.inf)], 0.1))[0]
     assert (data["mean"], data["most"], data["largest"], data["fraction"]) == (0.02, 0.03, "without bound", 0.25)

@@ -332,6 +332,22 @@ def test_one_way_and_coupled_runs_agree_where_the_stiffness_stays(tower):
             [Stage("a", SIDES), Stage("b", deactivate=["layer_2"]), Stage("c")],
             "stage 'b': of the 2 bodies of the mesh the one of region 'all', 'layer_3'",
         ),
+        (
+            [Stage("a", SIDES), Stage("b", deactivate=["layer_1"])],
+            "stage 'b': what is left of the body is free to move along y",
+        ),
+        (
+            [Stage("a", SIDES), Stage("b", [Pressure("top_3", "1/(y - 3)")])],
+            r"stage 'b': the pressure on boundary 'top_3' must be finite.*, 3\) m",
+        ),
+        (
+            [Stage("a", SIDES), Stage("b", [BodyForce((0.0, "sqrt(-1 - y)"))])],
+            "stage 'b': the body force must be finite",
+        ),
+        (
+            [Stage("a", SIDES), Stage("b", [Displacement("top_3", "y", "log(y - 3)")])],
+            "stage 'b': the displacement of boundary 'top_3' must be finite",
+        ),
     ],
 )  # fmt: skip
 def test_one_sentence_for_what_cannot_be(tower, stages, text):

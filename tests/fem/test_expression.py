@@ -52,6 +52,8 @@ def test_values_are_those_of_numpy(text, value):
         ("(x + 1", "character 7: the end where the ')' of character 1 is missing"),
         ("x(2)", "character 2: 'x' is not a function"),
         ("x ; y", "character 3: ';' has no meaning"),
+        ("２ * x", "character 1: '２' has no meaning"),  # digits of other scripts are taken for a slip of the keyboard
+        ("1e٣", "character 3: '٣' has no meaning"),
         ("__import__(x)", "'__import__' is not one of"),
         ("x.real", "character 2: '.' has no meaning"),
         ("1e999", "the number 1e999 is too large"),

@@ -38,6 +38,9 @@ def difference(found: dict[str, np.ndarray], wanted: dict[str, np.ndarray]) -> f
 
     def kind(name: str) -> str:
         first = name.split("_")[0]
+        if first == "region":
+            _, region, what = name.split("_", 2)
+            return f"region_{region}_{kind(what)}"
         return first if first in ("strain", "displacement", "reaction") or name.startswith("stress_") else name
 
     largest: dict[str, float] = {}

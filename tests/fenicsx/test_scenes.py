@@ -11,7 +11,7 @@ from granfabric.cases.effects.resolve import resolve_field
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.scene import catalogue
 from granfabric.cases.scene.reader import load
-from granfabric.fem.equilibrium.stepping import solve
+from granfabric.fem.equilibrium.stepping import StepControl, solve
 from granfabric.fem.fenicsx.team import Team
 from granfabric.fem.loads.checks import LoadError
 
@@ -20,6 +20,8 @@ OWN_ALONE = {"rigid_footing", "tunnel", "grains_biaxial"}
 FIELDS = sorted({entry.name for entry in catalogue.shipped().values() if entry.kind == "field"} - OWN_ALONE)
 UNSTABLE = {"footing_capacity"}
 """Beyond its limit load Newton's iterates decide which of many solutions is found: compared by its reactions."""
+TIGHTER = {"slope": 1e-10}
+"""Tolerance where strains near a free surface hang on small forces, and differ by more than what is left of these."""
 TIMES_TOLERANCE = 100.0
 """Both hosts end their iterations below the tolerance, not at the same place."""
 
@@ -27,7 +29,7 @@ TIMES_TOLERANCE = 100.0
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FIELDS)
 def test_both_hosts_agree(name: str) -> None:
-    loaded = load(name, [])
+    loaded = load(name, [f"solver.tolerance={TIGHTER[name]}"] if name in TIGHTER else [])
     loaded, prepared, _ = resolve_field(loaded, prepare(loaded))
     ours: list[Any] = []
     theirs: list[Any] = []
@@ -35,7 +37,7 @@ def test_both_hosts_agree(name: str) -> None:
     with Team() as team:
         second = team.solve(prepared.problem, prepared.control, on_step=theirs.append)
     assert first.finished == second.finished
-    tolerance = TIMES_TOLERANCE * prepared.control.tolerance
+    tolerance = TIMES_TOLERANCE * max(prepared.control.tolerance, StepControl().tolerance)
     if name in UNSTABLE:
         last, other = ours[-1].reactions, theirs[-1].reactions
         largest = max(np.abs(pair).max() for pair in last.values())
