@@ -78,8 +78,16 @@ def kernel_values(name: str, ratio: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
-class _Shares:
-    """Shares of sources that points have; those of a source add up to one."""
+class Shares:
+    """Shares of sources that points have; those of a source add up to one.
+
+    Attributes
+    ----------
+    point, source : (k,) int64
+    share : (k,)
+        Of the source that the point has.
+    points : int
+    """
 
     point: NDArray[np.int64]
     source: NDArray[np.int64]
@@ -91,6 +99,10 @@ class _Shares:
         if values.ndim == 1:
             return np.bincount(self.point, self.share * values[self.source], self.points).astype(np.float64)
         return np.stack([self.of(column) for column in values.T], axis=-1)
+
+    def of_ones(self) -> NDArray[np.float64]:
+        """Sum of the shares of every point."""
+        return np.bincount(self.point, self.share, self.points).astype(np.float64)
 
 
 class _Grid:
@@ -129,7 +141,7 @@ class _Grid:
         source, tiled = found["i"][used], found["j"][used]
         return self.index[tiled], source, value[used], self.image[tiled] + wrap[source]
 
-    def shares(self, position: NDArray[np.float64]) -> _Shares:
+    def shares(self, position: NDArray[np.float64]) -> Shares:
         """Of sources at these positions."""
         point, source, value, _ = self.near(position)
         total = np.bincount(source, value, len(position))
@@ -138,7 +150,7 @@ class _Grid:
                 f"the scale {self.scale:.4g} of the kernel is too small for the distance of the points: some disks or "
                 "contacts belong to none"
             )
-        return _Shares(point, source, value / total[source], self.count)
+        return Shares(point, source, value / total[source], self.count)
 
 
 def coarse_grained(
@@ -186,12 +198,12 @@ def coarse_grained(
     return CoarseFields(
         cells, edge @ sample.cell, disks, coordination, fabric,
         of_disks.of(np.pi * sample.radius**2) / area,
-        -of_contacts.of(_moments(contacts)) / area,
+        -of_contacts.of(contact_moments(contacts)) / area,
         None if start is None else _strain(sample, grid, *start),
     )  # fmt: skip
 
 
-def _moments(contacts: Contacts) -> NDArray[np.float64]:
+def contact_moments(contacts: Contacts) -> NDArray[np.float64]:
     """Force times branch of every contact, symmetric part: xx, yy, xy."""
     nx, ny = contacts.normal.T
     fx = contacts.normal_force * nx - contacts.tangential_force * ny
@@ -209,9 +221,41 @@ def _strain(
     # the same image of the disk, now and at the start, beside the point where it lies
     now = sample.position[source] - image @ sample.cell
     then = position[source] - image @ cell
+    least = LEAST_SOURCES * float(kernel_values(grid.kernel, np.zeros(1))[0])
+    return linear_map_strain(point, value, now, then, grid.count, least)
+
+
+def linear_map_strain(
+    point: NDArray[np.int64],
+    value: NDArray[np.float64],
+    now: NDArray[np.float64],
+    then: NDArray[np.float64],
+    count: int,
+    least: float,
+) -> NDArray[np.float64]:
+    """Strain of the linear map that fits the places of sources around each point best, now and at the start.
+
+    Parameters
+    ----------
+    point : (k,) int64
+        Point of each pair of a point and a source.
+    value : (k,)
+        Its weight.
+    now, then : (k, 2)
+        Places of its source.
+    count : int
+        Points.
+    least : float
+        Sum of weights of which a map can be told.
+
+    Returns
+    -------
+    (count, 3) float64
+        xx, yy, xy (engineering shear strain), tension positive; NaN where there are too few sources.
+    """
 
     def added(terms: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.bincount(point, value * terms, grid.count).astype(np.float64)
+        return np.bincount(point, value * terms, count).astype(np.float64)
 
     total = added(np.ones(len(value)))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -220,8 +264,8 @@ def _strain(
     d_now, d_then = now - mean_now[point], then - mean_then[point]
     cross = np.array([[added(d_now[:, i] * d_then[:, j]) for j in (0, 1)] for i in (0, 1)]).transpose(2, 0, 1)
     own = np.array([[added(d_then[:, i] * d_then[:, j]) for j in (0, 1)] for i in (0, 1)]).transpose(2, 0, 1)
-    strain = np.full((grid.count, 3), np.nan)
-    enough = total >= LEAST_SOURCES * kernel_values(grid.kernel, np.zeros(1))[0]
+    strain = np.full((count, 3), np.nan)
+    enough = total >= least
     told = np.flatnonzero(enough & (np.linalg.det(own) > 0.0))
     gradient = cross[told] @ np.linalg.inv(own[told])
     strain[told, 0], strain[told, 1] = gradient[:, 0, 0] - 1.0, gradient[:, 1, 1] - 1.0

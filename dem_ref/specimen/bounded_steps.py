@@ -18,6 +18,8 @@ from granfabric.dem_ref.dynamics.stepping import _FAST, CARRYING, _contact_force
 
 # indices of the tally: energies since the start
 FRICTION_HEAT, DRAG_HEAT, PLATEN_WORK, GIVEN_WORK, FOLLOWING_WORK = range(5)
+FEWEST = 2
+"""Contacts, with those on platens, of a disk whose resultant counts: others roll about or fly and carry nothing."""
 # indices of the measures of the last step
 UNBALANCED, NORMAL_FORCE, CONTACTS, TRAVEL = range(4)
 
@@ -88,10 +90,15 @@ def bounded_steps(
         rate[1] = (wall_velocity[1] - wall_velocity[0]) / (wall[1] - wall[0])
         work = 0.0
         following = 0.0
+        resultant = 0.0
+        judged = 0
         for i in range(n):
             work += given[i, 0] * rate[0] * position[i, 0] + given[i, 1] * rate[1] * position[i, 1]
             force[i, 0] += given[i, 0]
             force[i, 1] += given[i, 1]
+            if force[i, 3] >= FEWEST:
+                resultant += force[i, 0] * force[i, 0] + force[i, 1] * force[i, 1]
+                judged += 1
             force[i, 3] += CARRYING * held[i]
             following -= force[i, 0] * rate[0] * position[i, 0] + force[i, 1] * rate[1] * position[i, 1]
         _move(velocity, force, none, position, rate, damping, impulse, squares)
@@ -112,7 +119,7 @@ def bounded_steps(
     for side in range(2):
         wall_force[side, 0] = mean[side, 0] / max(done, 1)
         wall_force[side, 1] = mean[side, 1] / max(done, 1)
-    out[UNBALANCED] = sqrt(squares[0] / n)
+    out[UNBALANCED] = sqrt(resultant / max(judged, 1))
     out[NORMAL_FORCE] = kn * total / max(contacts, 1)
     out[CONTACTS] = contacts
     out[TRAVEL] = travel

@@ -119,6 +119,33 @@ def membrane_forces(
     force[chain[-1], 0] += pressure * (upper - at[-1, 1])
 
 
+def both_sides(
+    position: NDArray[np.float64],
+    left: NDArray[np.int64],
+    right: NDArray[np.int64],
+    lower: float,
+    upper: float,
+    pressure: float,
+    force: NDArray[np.float64],
+) -> None:
+    """Add the forces of the membranes on both sides to `force`: the right one is the left one in a mirror."""
+    membrane_forces(position, left, lower, upper, pressure, force)
+    mirrored = np.zeros_like(force)
+    membrane_forces(position * [-1.0, 1.0], right, lower, upper, pressure, mirrored)
+    force += mirrored * [-1.0, 1.0]
+
+
+def outline(
+    position: NDArray[np.float64], left: NDArray[np.int64], right: NDArray[np.int64], lower: float, upper: float
+) -> NDArray[np.float64]:
+    """Corners, shape (m, 2), of the area between both chains and the platens, anticlockwise from below on the left."""
+    sides = []
+    for chain in (left, right):
+        at = position[chain]
+        sides.append(np.concatenate([[[at[0, 0], lower]], at, [[at[-1, 0], upper]]]))
+    return np.concatenate([sides[1], sides[0][::-1]])
+
+
 def enclosed_area(
     position: NDArray[np.float64], left: NDArray[np.int64], right: NDArray[np.int64], lower: float, upper: float
 ) -> float:

@@ -5,12 +5,15 @@ Gravity acts on the disks if it is asked for. A platen is moved, or carries a fo
 results only where it is called stress; forces of platens are compression positive, N per metre of thickness.
 
 A disk that the membrane touches is always dragged, as if it had three contacts: it cannot fly away from the sheet that
-presses it, and one that has lost its neighbours is brought back by the pressure. What does not come to rest within its
-steps is told, with the reason, instead of being waited for.
+presses it, and one that has lost its neighbours is brought back by the pressure. Under gravity all disks are: loose ones
+would else bounce on what they have fallen on. Disks with fewer than two contacts do not count in the unbalanced
+force. What does not come to rest within its steps is told, with the reason, instead of being waited for.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
@@ -20,51 +23,61 @@ from granfabric.dem_ref.arrays import SampleError, number, whole
 from granfabric.dem_ref.dynamics.motion import DAMPING, REFRESH, SKIN, STEP, UnstableMotionError
 from granfabric.dem_ref.dynamics.stepping import refresh_contacts, write_back
 from granfabric.dem_ref.loading.legs import stress_invariants
-from granfabric.dem_ref.measures.contacts import contacts_of, coordination_number, love_weber_stress
+from granfabric.dem_ref.measures.contacts import love_weber_stress
 from granfabric.dem_ref.sample.disks import Sample
 from granfabric.dem_ref.sample.neighbours import find_near_pairs, most_neighbours
 
-from .bounded_steps import (
-    CONTACTS,
-    DRAG_HEAT,
-    FOLLOWING_WORK,
-    FRICTION_HEAT,
-    GIVEN_WORK,
-    NORMAL_FORCE,
-    PLATEN_WORK,
-    TRAVEL,
-    UNBALANCED,
-    bounded_steps,
-)
+from . import history
+from .bounded_steps import CONTACTS, NORMAL_FORCE, TRAVEL, UNBALANCED, bounded_steps
 from .cut import SpecimenOptions as SpecimenOptions
-from .cut import cut
-from .membrane import BALL, HOLD, enclosed_area, membrane_forces, outer_chain
+from .cut import disks_of
+from .history import COLUMNS as COLUMNS
+from .membrane import BALL, HOLD, both_sides, enclosed_area, outer_chain
 
-MARGIN = 1.0
-"""Empty space beside the specimen on each side, over its size."""
 CHUNK = 50
 """Steps between two looks at the membranes."""
 LEARNING = 0.1
 RESPONSE = 200.0
 """Steps in which a platen that carries a force corrects an error of it."""
-AT_REST = 1e-4
-"""Unbalanced force over the mean contact force."""
 LOOSE_REST = 1e-2
-"""The same while friction is not yet that of the disks."""
+"""Unbalanced force that counts as rest while friction is not yet that of the disks."""
 ON_TARGET = 2e-3
 """Error of the force of a platen, over the force."""
+CALM = 5
+"""Looks at which everything has to be at rest."""
 PATIENCE = 400
 """Looks at a specimen without contacts before it is given up: after the cut it comes together first."""
-LONGEST = 400_000
-"""Steps in which a specimen has to come to rest."""
 SLACK = 0.5
 """Where membranes would press inwards further than this, over the width at first, nothing is left between them."""
 
-COLUMNS = (
-    "axial_strain", "volumetric_strain", "height", "width", "upper_force", "lower_force", "upper_shear", "lower_shear",
-    "axial_stress", "stress_ratio", "coordination", "unbalanced_force", "elastic_energy", "kinetic_energy",
-    "platen_work", "given_work", "following_work", "friction_heat", "drag_heat", "energy_error", "steps",
-)  # fmt: skip
+
+@dataclass(frozen=True)
+class Consolidated:
+    """A specimen when it was consolidated, from which strains and energies count."""
+
+    height: float
+    width: float
+    elastic_energy: float
+
+
+@dataclass(frozen=True)
+class PlatenContacts:
+    """Disks near the platens, with the forces that they exert on them.
+
+    Attributes
+    ----------
+    disk, side : (k,) int64
+        Side 0 is the lower platen.
+    normal_force : (k,)
+        Outwards, zero where the disk does not touch.
+    shear_force : (k,)
+        Along x.
+    """
+
+    disk: NDArray[np.int64]
+    side: NDArray[np.int64]
+    normal_force: NDArray[np.float64]
+    shear_force: NDArray[np.float64]
 
 
 class Specimen:
@@ -85,6 +98,10 @@ class Specimen:
         Heights of the lower and the upper platen.
     reactions : (2, 2) float64
         Force of the disks on the lower and the upper platen, mean of the last steps: outwards, and along x.
+    left, right : ndarray of int64
+        Disks on the membranes, from below upwards.
+    watch : callable, optional
+        Called after every `CHUNK` steps; what it raises is let through.
     """
 
     def __init__(self, packing: Sample, options: SpecimenOptions | None = None) -> None:
@@ -92,45 +109,33 @@ class Specimen:
         self.options.check()
         if not isinstance(packing, Sample):
             raise SampleError(f"a specimen is cut from a sample, not from {packing!r}")
-        if abs(packing.cell[0, 1]) + abs(packing.cell[1, 0]) > 0.2 * min(packing.cell[0, 0], packing.cell[1, 1]):
-            raise SampleError("a specimen is cut from a packing whose cell is nearly a rectangle along the axes")
         pressure = stress_invariants(love_weber_stress(packing))[0]
         if not pressure > 0.0:
             raise SampleError(f"the mean pressure is {pressure:.4g} Pa, a specimen needs a compressed packing")
         self.pressure = pressure if self.options.lateral_pressure is None else float(self.options.lateral_pressure)
-        size = np.array([packing.cell[0, 0], packing.cell[1, 1]])
-        place, kept = cut(packing, size)
-        if len(kept) < 20:
-            raise SampleError(f"{len(kept)} disks are too few for a specimen")
-        cell = np.diag((1.0 + 2.0 * MARGIN) * size)
-        position = np.ascontiguousarray(place - [0.5 * size[0], 0.0])
-        radius = np.ascontiguousarray(packing.radius[kept])
-        zero = np.zeros((len(kept), 2))
-        self._skin = SKIN * packing.mean_diameter
-        pairs = find_near_pairs(position, radius, cell, self._skin)
-        self.sample = Sample(
-            position, radius, cell, packing.normal_stiffness, packing.stiffness_ratio, packing.friction, zero,
-            np.zeros(len(kept)), pairs, seed=packing.seed,
-        )  # fmt: skip
-        self._carry_tangential(packing, kept)
-        n = len(kept)
-        self.step = STEP * sqrt(6.0 / most_neighbours(radius))
-        self._diameter = self.sample.mean_diameter
+        sample, top = disks_of(packing, self.options.height_to_width, SKIN * packing.mean_diameter)
+        self._begin(sample, np.array([0.0, top]))
+        self._follow()
+
+    def _begin(self, sample: Sample, platens: NDArray[np.float64]) -> None:
+        """Everything but the membranes, at rest."""
+        n = sample.count
+        self.sample, self.platens = sample, platens
+        self.watch: Callable[[], None] | None = None
+        self.step = STEP * sqrt(6.0 / most_neighbours(sample.radius))
+        self._diameter = sample.mean_diameter
+        self._skin = SKIN * self._diameter
         self._refresh = REFRESH * self._diameter
-        self._longest = 2.0 * float(radius.max()) + self._skin
-        self._friction = self.sample.friction, float(self.options.platen_friction)
-        self._velocity, self._force, self._none = np.zeros((n, 4)), np.zeros((n, 4)), np.zeros((n, 4))
+        self._longest = 2.0 * float(sample.radius.max()) + self._skin
+        self._friction = sample.friction, float(self.options.platen_friction)
+        self.velocity, self._force, self._none = np.zeros((n, 4)), np.zeros((n, 4)), np.zeros((n, 4))
         self._weight = np.zeros((n, 2))
-        self._weight[:, 1] = -self.options.unit_weight * np.pi * radius**2
+        self._weight[:, 1] = -self.options.unit_weight * np.pi * sample.radius**2
         self._given, self._held = self._weight.copy(), np.zeros(n)
-        # onto the disks, which the cut has left at some distance; the lower platen is y = 0, the middle x = 0
-        position[:, 1] -= (position[:, 1] - radius).min()
-        self.platens = np.array([0.0, float((position[:, 1] + radius).max())])
-        self._widening, self._width = 0.0, 0.0
+        self._widening = self.lateral_strain = 0.0
         self._platen_velocity, self._target, self._gain = np.zeros(2), np.zeros(2), np.zeros(2)
         self._fastest = 0.0
-        self._spring: dict[tuple[int, int], float] = {}
-        self._wall: tuple[NDArray, NDArray, NDArray] | None = None
+        self._wall = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
         self._arrays: tuple[NDArray, NDArray, NDArray, NDArray] | None = None
         self._room = -1.0
         self._taken = np.zeros(1, np.int64)
@@ -138,20 +143,8 @@ class Specimen:
         self.steps_done = 0
         self.ending, self._apart = "", 0
         self.left = self.right = np.zeros(0, np.int64)
-        self._follow()
-        self._start: tuple[float, float, float] | None = None
+        self.start: Consolidated | None = None
         self.rows: list[list[float]] = []
-
-    def _carry_tangential(self, packing: Sample, kept: NDArray[np.int64]) -> None:
-        """Elongations of those contacts of the packing that the cut has left."""
-        number_of = np.full(packing.count, -1)
-        number_of[kept] = np.arange(len(kept))
-        known = packing.pairs.tangential != 0.0
-        ends = number_of[packing.pairs.first[known]], number_of[packing.pairs.second[known]]
-        held = {(i, j): e for i, j, e in zip(*(a.tolist() for a in ends), packing.pairs.tangential[known]) if i >= 0}
-        pairs = self.sample.pairs
-        for k, key in enumerate(zip(pairs.first.tolist(), pairs.second.tolist())):
-            pairs.tangential[k] = held.get(key, 0.0)
 
     @property
     def height(self) -> float:
@@ -165,8 +158,23 @@ class Specimen:
 
     @property
     def unbalanced_force(self) -> float:
-        """Root mean square of the resultant force on a disk over the mean contact force."""
+        """Root mean square of the resultant force on a disk with two contacts or more, over the mean contact force."""
         return float(self.measures[UNBALANCED] / max(self.measures[NORMAL_FORCE], 1e-300))
+
+    @property
+    def axial_strain(self) -> float:
+        """Compression since the consolidation, over the height then."""
+        return 0.0 if self.start is None else 1.0 - self.height / self.start.height
+
+    def platen_contacts(self) -> PlatenContacts:
+        """Forces on the platens, disk by disk, as after the last step."""
+        sample = self.sample
+        disk, side, elongation = self._wall
+        y, r = sample.position[disk, 1], sample.radius[disk]
+        overlap = np.where(side == 0, r - (y - self.platens[0]), r - (self.platens[1] - y))
+        kn = sample.normal_stiffness
+        shear = kn * sample.stiffness_ratio * elongation * np.where(side == 0, -1.0, 1.0)
+        return PlatenContacts(disk, side, kn * np.maximum(overlap, 0.0), shear)
 
     def _follow(self) -> None:
         """Find the chains anew and press on them."""
@@ -179,9 +187,8 @@ class Specimen:
         self.left = outer_chain(position, left, lower, upper, ball)
         self.right = outer_chain(position * [-1.0, 1.0], right, lower, upper, ball)
         self._given = self._weight.copy()
-        membrane_forces(position, self.left, lower, upper, self.pressure, self._given)
-        _mirrored(position, self.right, lower, upper, self.pressure, self._given)
-        self._held[:] = 0.0
+        both_sides(position, self.left, self.right, lower, upper, self.pressure, self._given)
+        self._held[:] = 1.0 if self.options.unit_weight > 0.0 else 0.0
         self._held[self.left] = self._held[self.right] = 1.0
 
     def _find_neighbours(self) -> None:
@@ -189,26 +196,24 @@ class Specimen:
         if not np.isfinite(sample.position).all():
             raise UnstableMotionError(f"the specimen lost its stability after {self.steps_done} steps")
         sample.pairs = find_near_pairs(sample.position, sample.radius, sample.cell, self._skin, sample.pairs)
-        size = len(sample.pairs.first)
-        self._arrays = (
-            np.empty(size, np.uint32), np.empty(size, np.uint32), np.empty((size, 5)), np.empty(size, np.uint32)
-        )  # fmt: skip
-        self._keep_springs()
+        self._make_room()
         y, r = sample.position[:, 1], sample.radius
+        springs = dict(zip(zip(*(a.tolist() for a in self._wall[:2])), self._wall[2].tolist()))
         disks, sides = [], []
         for side, gap in ((0, y - r - self.platens[0]), (1, self.platens[1] - y - r)):
             near = np.flatnonzero(gap < self._skin)
             disks.append(near)
             sides.append(np.full(len(near), side))
         disk, side_of = np.concatenate(disks), np.concatenate(sides)
-        springs = [self._spring.get(key, 0.0) for key in zip(disk.tolist(), side_of.tolist())]
-        self._wall = disk, side_of, np.array(springs, dtype=np.float64)
+        kept = [springs.get(key, 0.0) for key in zip(disk.tolist(), side_of.tolist())]
+        self._wall = disk, side_of, np.array(kept, dtype=np.float64)
         self._room = self._skin - 2.0 * self._refresh
 
-    def _keep_springs(self) -> None:
-        if self._wall is not None:
-            disk, side, elongation = self._wall
-            self._spring = dict(zip(zip(disk.tolist(), side.tolist()), elongation.tolist()))
+    def _make_room(self) -> None:
+        size = len(self.sample.pairs.first)
+        self._arrays = (
+            np.empty(size, np.uint32), np.empty(size, np.uint32), np.empty((size, 5)), np.empty(size, np.uint32)
+        )  # fmt: skip
 
     def run(self, steps: int) -> None:
         """Advance by this many steps, the membranes following every `CHUNK` of them."""
@@ -216,33 +221,35 @@ class Specimen:
         while steps > 0:
             part = min(steps, CHUNK)
             self._follow()
-            if self._gain[1] == 0.0:  # the homogeneous part of the widening is learnt from what has happened
-                width = self.area / self.height
-                if self._width > 0.0:
-                    seen = (width / self._width - 1.0) / CHUNK
-                    self._widening += LEARNING * (seen - self._widening)
-                self._width = width
+            before = self.area / self.height
             self._take(part)
+            # of the same disks: what the membrane jumps when it leaves one of them is no strain
+            seen = self.area / self.height / before - 1.0
+            self.lateral_strain += seen
+            if self._gain[1] == 0.0:  # the homogeneous part of the widening is learnt from what has happened
+                self._widening += LEARNING * (seen / part - self._widening)
             steps -= part
+            if self.watch is not None:
+                self.watch()
 
     def _take(self, steps: int) -> None:
         sample = self.sample
         kn = sample.normal_stiffness
         mean, done = np.zeros((2, 2)), 0
         while done < steps:
-            if self._room <= 0.0:
+            if self._room <= 0.0 or self._arrays is None:
                 self._find_neighbours()
-            assert self._arrays is not None and self._wall is not None
+            assert self._arrays is not None
             first, second, branch, source = self._arrays
             pairs = sample.pairs
             speed = self._platen_velocity
             rate = np.array([self._widening, (speed[1] - speed[0]) / self.height, 0.0])
             count = refresh_contacts(
-                sample.position, sample.radius, sample.cell, rate, self._velocity, pairs.first, pairs.second,
+                sample.position, sample.radius, sample.cell, rate, self.velocity, pairs.first, pairs.second,
                 pairs.image, pairs.tangential, 2.0 * self._refresh, first, second, branch, source,
             )  # fmt: skip
             bounded_steps(
-                steps - done, self._refresh, self._longest, count, first, second, branch, self._velocity,
+                steps - done, self._refresh, self._longest, count, first, second, branch, self.velocity,
                 self._force, self._none, sample.position, sample.radius, self._given, self._held, *self._wall,
                 self.platens, self._platen_velocity, self._target, self._gain, self._fastest, self._widening,
                 self.reactions, kn, kn * sample.stiffness_ratio, *self._friction, self.step, DAMPING,
@@ -255,29 +262,29 @@ class Specimen:
             self._room -= self.measures[TRAVEL]
         self.reactions = mean / max(done, 1)
         self.steps_done += done
-        sample.velocity = self._velocity[:, :2].copy()
-        sample.spin = self._velocity[:, 2].copy()
+        sample.velocity = self.velocity[:, :2].copy()
+        sample.spin = self.velocity[:, 2].copy()
 
     def _reason(self) -> str:
         """What a specimen that cannot go on has come to; empty if it can."""
         self._apart = self._apart + 1 if self.measures[CONTACTS] < 0.5 * self.sample.count else 0
         if self._apart > PATIENCE:
             return "the specimen has fallen apart: it has lost most of its contacts"
-        if self._start is not None and self.area < (1.0 - SLACK) * self._start[2]:
+        if self.start is not None and self.area / self.height < (1.0 - SLACK) * self.start.width:
             return "the membranes have pressed the specimen together"
         return ""
 
-    def hold(self, force: float, steps: int = LONGEST, rest: float = AT_REST) -> bool:
+    def hold(self, force: float, steps: int | None = None, rest: float | None = None) -> bool:
         """Let the upper platen carry a force until everything is at rest.
 
         Parameters
         ----------
         force : float
             N per metre of thickness, compression positive.
-        steps : int
-            After which it is given up.
-        rest : float
-            Unbalanced force, over the mean contact force, that counts as rest.
+        steps : int, optional
+            After which it is given up; as the options say if not given.
+        rest : float, optional
+            Unbalanced force, over the mean contact force, that counts as rest; likewise.
 
         Returns
         -------
@@ -287,30 +294,43 @@ class Specimen:
         force = number("force", force, 0.0, 1e300)
         width = self.area / self.height
         stiffness = self.sample.normal_stiffness * width / self.height
+        self._stop()
         self._target[1] = force
         self._gain[:] = 0.0, 1.0 / (stiffness * RESPONSE)
-        self._platen_velocity[:] = 0.0
-        self._widening = self._width = 0.0
         self._fastest = 1e-3 * self.step * sqrt(self.pressure / self.sample.normal_stiffness) * self.height
-        end = self.steps_done + whole("steps", steps, 1)
-        scale = max(force, 1e-3 * self.pressure * width)
-        calm, self.ending = 0, ""
-        while self.steps_done < end and calm < 5 and not self.ending:
-            self.run(CHUNK)
-            error = abs(self.reactions[1, 0] - force)
-            reached = error < ON_TARGET * scale * max(1.0, 0.1 * rest / AT_REST)
-            calm = calm + 1 if reached and self.unbalanced_force < rest else 0
-            self.ending = self._reason()
-        if calm < 5 and not self.ending:
-            loose = int(np.argmax(np.abs(self._velocity[:, :2]).max(axis=1)))
-            x, y = self.sample.position[loose]
-            self.ending = (
-                f"the specimen does not come to rest within {steps} steps: unbalanced force "
-                f"{self.unbalanced_force:.2g}, the fastest disk is number {loose} at ({x:.4g}, {y:.4g})"
-            )
+        scale = ON_TARGET * max(force, 1e-3 * self.pressure * width)
+        come = self._settle(steps, rest, lambda loose: abs(self.reactions[1, 0] - force) < scale * loose)
+        self._stop()
+        return come
+
+    def rest(self, steps: int | None = None, rest: float | None = None) -> bool:
+        """Wait between platens that stand still until everything is at rest; as `hold`."""
+        self._stop()
+        return self._settle(steps, rest, lambda loose: True)
+
+    def _stop(self) -> None:
         self._gain[:] = 0.0
         self._platen_velocity[:] = 0.0
-        return calm >= 5
+        self._widening = 0.0
+
+    def _settle(self, steps: int | None, rest: float | None, reached: Callable[[float], bool]) -> bool:
+        steps = self.options.longest_rest if steps is None else whole("steps", steps, 1)
+        rest = self.options.at_rest if rest is None else number("rest", rest, 1e-12, 1.0)
+        end = self.steps_done + steps
+        loose = max(1.0, 0.1 * rest / self.options.at_rest)
+        calm, self.ending = 0, ""
+        while self.steps_done < end and calm < CALM and not self.ending:
+            self.run(CHUNK)
+            calm = calm + 1 if reached(loose) and self.unbalanced_force < rest else 0
+            self.ending = self._reason()
+        if calm < CALM and not self.ending:
+            fastest = int(np.argmax(np.abs(self.velocity[:, :2]).max(axis=1)))
+            x, y = self.sample.position[fastest]
+            self.ending = (
+                f"the specimen does not come to rest within {steps} steps: unbalanced force "
+                f"{self.unbalanced_force:.2g}, the fastest disk is number {fastest} at ({x:.4g}, {y:.4g})"
+            )
+        return calm >= CALM
 
     def consolidate(self) -> bool:
         """Come to rest under the pressure of the membranes on all sides; strains count from here.
@@ -321,15 +341,17 @@ class Specimen:
         options = self.options
         self._friction = options.consolidation_friction, min(options.consolidation_friction, options.platen_friction)
         for _ in range(2):
-            if not self.hold(self.pressure * self.area / self.height, rest=LOOSE_REST):
+            if not self.hold(self.pressure * self.area / self.height, rest=max(LOOSE_REST, options.at_rest)):
+                if options.unit_weight > 0.0 and self._friction[0] < self.sample.friction:
+                    self.ending += "; with a larger consolidation_friction it carries more of its weight"
                 return False
         self._friction = self.sample.friction, float(options.platen_friction)
         for _ in range(3):  # the width, and the force with it, follows the membranes
             if not self.hold(self.pressure * self.area / self.height):
                 return False
         self.tally[:] = 0.0
-        self._start = self.height, self.area, self.area
-        self._elastic_at_start = sum(self.energies()[:2])
+        self.lateral_strain = 0.0
+        self.start = Consolidated(self.height, self.area / self.height, sum(history.energies(self)[:2]))
         self.rows = []
         self.record()
         return True
@@ -349,17 +371,17 @@ class Specimen:
         bool
             Whether the end was reached; `ending` tells why not.
         """
-        if self._start is None:
+        if self.start is None:
             raise SampleError("a specimen is consolidated before it is compressed")
         axial_strain = number("axial_strain", axial_strain, -0.5, 0.5)
         records = whole("records", records, 1, 1_000_000)
         rate = self.options.inertial_number * self.step * sqrt(self.pressure / self.sample.normal_stiffness)
         steps = max(records, round(abs(axial_strain) / rate))
         self._gain[:] = 0.0
-        self._platen_velocity[:] = 0.0, -axial_strain * self._start[0] / steps
+        self._platen_velocity[:] = 0.0, -axial_strain * self.start.height / steps
         self.ending = ""
-        for row in range(records):
-            self.run((row + 1) * steps // records - row * steps // records)
+        for part in range(records):
+            self.run((part + 1) * steps // records - part * steps // records)
             self.record()
             self.ending = self._reason()
             if self.ending:
@@ -369,60 +391,24 @@ class Specimen:
 
     def energies(self) -> tuple[float, float, float]:
         """Elastic energy of contacts, that of the platens' contacts, and kinetic energy; J per metre."""
-        sample = self.sample
-        kn, kt = sample.normal_stiffness, sample.normal_stiffness * sample.stiffness_ratio
-        contacts = contacts_of(sample)
-        inner = 0.5 * float(np.sum(contacts.normal_force**2) / kn + np.sum(contacts.tangential_force**2) / kt)
-        outer = 0.0
-        if self._wall is not None:
-            disk, side, elongation = self._wall
-            y, r = sample.position[disk, 1], sample.radius[disk]
-            overlap = np.where(side == 0, r - (y - self.platens[0]), r - (self.platens[1] - y))
-            outer = 0.5 * float(kn * np.sum(np.maximum(overlap, 0.0) ** 2) + kt * np.sum(elongation**2))
-        return inner, outer, 0.5 * kn / self.step**2 * float(np.sum(self._velocity[:, :3] ** 2))
+        return history.energies(self)
 
     def record(self) -> None:
         """Add a row to the history."""
-        if self._start is None:
+        if self.start is None:
             raise SampleError("a specimen is consolidated before anything is recorded")
-        width = self.area / self.height
-        inner, outer, kinetic = self.energies()
-        elastic = inner + outer - self._elastic_at_start
-        balance = (
-            self.tally[PLATEN_WORK] + self.tally[GIVEN_WORK] - self.tally[FRICTION_HEAT] - self.tally[DRAG_HEAT]
-            + self.tally[FOLLOWING_WORK] - elastic - kinetic
-        )  # fmt: skip
-        axial = float(0.5 * self.reactions[:, 0].sum() / width)
-        self.rows.append(
-            [
-                1.0 - self.height / self._start[0], 1.0 - self.area / self._start[1], self.height, width,
-                self.reactions[1, 0], self.reactions[0, 0], self.reactions[1, 1], self.reactions[0, 1], axial,
-                (axial - self.pressure) / (axial + self.pressure), coordination_number(self.sample).all_particles,
-                self.unbalanced_force, elastic, kinetic, self.tally[PLATEN_WORK], self.tally[GIVEN_WORK],
-                self.tally[FOLLOWING_WORK], self.tally[FRICTION_HEAT], self.tally[DRAG_HEAT], balance,
-                float(self.steps_done),
-            ]
-        )  # fmt: skip
+        self.rows.append(history.row(self))
 
     def history(self) -> dict[str, NDArray[np.float64]]:
         """Columns of the records; see `COLUMNS`.
 
-        Strains are compression positive and count from the consolidated specimen; `width` is area over height, forces
-        N per metre of thickness, compression positive, shear along x; `axial_stress` is the mean force of both
-        platens over the width [Pa, compression positive], `stress_ratio` (axial - lateral)/(axial + lateral);
-        energies in J per metre since the consolidation: `given_work` of membranes and weight, `following_work` what
-        resultant forces on disks gain on the homogeneous part of the motion, which has no inertia; `energy_error` is
-        the work that was neither stored nor turned into heat.
+        Strains are compression positive and count from the consolidated specimen, the lateral one by the disks on the
+        membranes as long as they are there; `width` is area over height, forces N per metre of thickness, compression
+        positive, shear along x; `axial_stress` is the mean force of both platens over the width [Pa, compression
+        positive], `stress_ratio` (axial - lateral)/(axial + lateral); `fabric_anisotropy` positive where contacts
+        point along y; energies in J per metre since the consolidation: `given_work` of membranes and weight,
+        `following_work` what resultant forces on disks gain on the homogeneous part of the motion, which has no
+        inertia; `energy_error` is the work that was neither stored nor turned into heat.
         """
         table = np.array(self.rows)
         return {name: table[:, k].copy() for k, name in enumerate(COLUMNS)}
-
-
-def _mirrored(
-    position: NDArray[np.float64], chain: NDArray[np.int64], lower: float, upper: float, pressure: float,
-    force: NDArray[np.float64],
-) -> None:  # fmt: skip
-    """Forces of the membrane on the right side: those of the left one in a mirror."""
-    there = np.zeros_like(force)
-    membrane_forces(position * [-1.0, 1.0], chain, lower, upper, pressure, there)
-    force += there * [-1.0, 1.0]
