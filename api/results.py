@@ -150,7 +150,7 @@ class Results:
 
     @property
     def kind(self) -> str:
-        """ "point", "field" or "dem"."""
+        """ "point", "field", "dem" or "specimen"."""
         return str(self.record["kind"])
 
     @property

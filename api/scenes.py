@@ -117,7 +117,7 @@ def run_scene(
     >>> results.outcome, round(float(results.history["coordination"].iloc[-1]), 4)
     ('finished', 3.6674)
     """
-    from granfabric.cases.commands.dem import run_dem
+    from granfabric.cases.commands.dem import run_disks
     from granfabric.cases.commands.point import run_point
     from granfabric.cases.commands.run import run_field
 
@@ -126,8 +126,8 @@ def run_scene(
     screen = _Silent(progress)
     if loaded.scene.kind == "point":
         run_point(loaded, folder, screen, overwrite)
-    elif loaded.scene.kind == "dem":
-        run_dem(loaded, folder, screen, resume, overwrite)
+    elif loaded.scene.kind in ("dem", "specimen"):
+        run_disks(loaded, folder, screen, resume, overwrite)
     else:
         run_field(loaded, folder, screen, resume, overwrite=overwrite)
     return read_results(folder)

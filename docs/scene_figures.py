@@ -18,8 +18,8 @@ from granfabric.cases.scene.catalogue import shipped
 
 FIGURES = Path(__file__).resolve().parent / "figures"
 WIDTH = 900
-COMMANDS = {"point": ["point"], "field": ["run", "--set", "output.every=1000"], "dem": ["dem"]}
-SHOWN = {"point": "microvariables.png", "field": "overview.png", "dem": "overview.png"}
+COMMANDS = {"point": ["point"], "field": ["run", "--set", "output.every=1000"], "dem": ["dem"], "specimen": ["dem"]}
+SHOWN = {"point": "microvariables.png", "field": "overview.png", "dem": "overview.png", "specimen": "overview.png"}
 
 
 def shrink(source: Path, target: Path, width: int = WIDTH) -> None:

@@ -49,7 +49,8 @@ def _scene_names(context: typer.Context, incomplete: str) -> list[str]:
 
     with suppress(Exception):  # a shell that completes has no use for errors
         kind = {"point": "point", "run": "field", "dem": "dem", "convergence": "field"}.get(context.info_name or "")
-        names = [entry.name for entry in catalogue.shipped().values() if kind in (None, entry.kind)]
+        computed = (kind, "specimen") if kind == "dem" else (kind,)
+        names = [entry.name for entry in catalogue.shipped().values() if kind is None or entry.kind in computed]
         return [name for name in names if name.startswith(incomplete)] + catalogue.files_like(incomplete)
     return []
 
@@ -365,6 +366,7 @@ def scenes(
         ("point", "granfabric point NAME"),
         ("field", "granfabric run NAME"),
         ("dem", "granfabric dem NAME"),
+        ("specimen", "granfabric dem NAME, between platens and membranes"),
     ):
         typer.echo(f"{command}")
         group = ""

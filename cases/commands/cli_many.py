@@ -50,7 +50,7 @@ def dem(
         from granfabric.cases.engine.choice import Choice
         from granfabric.cases.scene.reader import load
 
-        from .dem import run_dem
+        from .dem import run_disks
         from .seeds import refuse_without_seeds, run_seeds
 
         loaded = load(scene, assignments or [])
@@ -61,7 +61,7 @@ def dem(
             exit_by(run_seeds(loaded, scene, given, seeds, folder, screen, resume, overwrite, choice).outcome)
             return
         refuse_without_seeds(choice)
-        exit_by(run_dem(loaded, _folder(output, loaded.name), screen, resume, overwrite).outcome)
+        exit_by(run_disks(loaded, _folder(output, loaded.name), screen, resume, overwrite).outcome)
 
 
 @app.command()

@@ -42,7 +42,7 @@ NEAR = 0.01
 """A leg driven to a stress ratio has reached it within this."""
 
 
-class _Stopped(Exception):
+class StoppedError(Exception):
     """Ctrl-C between two parts of the packing."""
 
 
@@ -102,23 +102,23 @@ def run_dem(
     ):
         kept: tuple[Sample | None, DemRun | None] = (None, None)
         if resume:
-            _take_over(folder, record)  # refuses before anything is made
+            take_over(folder, record)  # refuses before anything is made
         hold.enter_context(files.held(folder, owner, overwrite, resume))
         if resume:
-            _take_over(folder, record)
+            take_over(folder, record)
             kept = _kept(folder, options)
         else:
             files.prepare_output(folder, owner, overwrite)
         record.write()
         screen.keep_log(folder / files.LOG, versions())
         try:
-            sample = resting(kept[0] or _packing(scene, packed, record, screen, stop, watch), record, screen)
+            sample = resting(kept[0] or made_packing(scene, packed, record, screen, stop, watch), record, screen)
             _measure(scene, sample, record, screen, watch)
             run = kept[1] or DemRun(sample, options)
             _load(loaded, run, sample, record, screen, stop, watch)
             if scene.measure.sliding and run.finished:
                 _measure_sliding(scene, run, record, screen)
-        except _Stopped:
+        except StoppedError:
             record.outcome, record.message = "stopped", "stopped while packing"
             run = None
         except (PackingError, CellTooSmallError, SampleError, ProbeError, UnstableMotionError) as error:
@@ -143,12 +143,23 @@ def run_dem(
     return record
 
 
-def _take_over(folder: Path, record: Record) -> None:
+def run_disks(
+    loaded: LoadedScene, folder: Path, screen: Screen, resume: bool = False, overwrite: bool = False
+) -> Record:
+    """Compute a scene of the DEM: a periodic packing (`run_dem`) or a specimen (`specimen.run_specimen`)."""
+    if loaded.scene.kind == "specimen":
+        from .specimen import run_specimen
+
+        return run_specimen(loaded, folder, screen, resume, overwrite)
+    return run_dem(loaded, folder, screen, resume, overwrite)
+
+
+def take_over(folder: Path, record: Record) -> None:
     """Go on with the record of a folder; refuse one that holds no DEM run of the same scene."""
     earlier = files.whole_record(folder)
-    if earlier is None or earlier.get("kind") != "dem":
+    if earlier is None or earlier.get("kind") != record.scene["kind"]:
         raise InputError(f"{str(folder)!r} holds no DEM run to resume; leave out --resume to begin one")
-    for section in ("packing", "path", "rates", "measure", "output"):
+    for section in ("packing", "specimen", "path", "rates", "measure", "output"):
         if earlier["scene"].get(section) != record.scene.get(section):
             raise InputError(
                 f"{str(folder)!r} holds a run with another [{section}]; resume it with the same scene and --set, "
@@ -173,7 +184,7 @@ def _kept(folder: Path, options: RunOptions) -> tuple[Sample | None, DemRun | No
         raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
 
 
-def _packing(
+def made_packing(
     scene: Any, options: PackingOptions, record: Record, screen: Screen, stop: InterruptRequest, watch: CompileWatch
 ) -> Sample:
     """The packing, made and stored."""
@@ -182,7 +193,7 @@ def _packing(
         def report(text: str, fraction: float) -> None:
             advance(fraction, text)
             if stop.requested:
-                raise _Stopped
+                raise StoppedError
 
         made = prepare_packing(scene.packing.particles, scene.packing.seed, options, report)
     save_sample(record.folder / files.PACKING, made.sample)

@@ -73,6 +73,10 @@ def run_seeds(
     InputError, RunError
         As `run_sweep`.
     """
+    if loaded.scene.kind == "specimen":
+        raise InputError(
+            f"--seeds is of periodic packings; granfabric sweep {loaded.called} --set {SEED}=1,2,3 computes specimens"
+        )
     loaded.require("dem")
     if not 2 <= seeds <= MOST_SEEDS:
         raise InputError(f"--seeds {seeds} is outside [2, {MOST_SEEDS}]")

@@ -238,7 +238,7 @@ def _without_pictures(run: Run) -> Run:
 
 def _kernels(loaded: LoadedScene) -> tuple[str, ...]:
     """Groups of compiled kernels that a run calls."""
-    if loaded.scene.kind == "dem":
+    if loaded.scene.kind in ("dem", "specimen"):
         return ("dem",)
     law = tuple(build.kernels(loaded))
     return (*law, "host") if loaded.scene.kind == "field" else law

@@ -108,10 +108,10 @@ def _run(loaded: LoadedScene, folder: Path, screen: Screen, resume: bool) -> Rec
         from .point import run_point
 
         return run_point(loaded, folder, screen, overwrite=True)
-    if loaded.scene.kind == "dem":
-        from .dem import run_dem
+    if loaded.scene.kind in ("dem", "specimen"):
+        from .dem import run_disks
 
-        return run_dem(loaded, folder, screen, resume, overwrite=True)
+        return run_disks(loaded, folder, screen, resume, overwrite=True)
     from .run import run_field
 
     return run_field(loaded, folder, screen, resume, overwrite=True)

@@ -161,7 +161,7 @@ def _networks(folder: Path, packing: Sample, loaded: Sample | None, columns: Col
     with picture(path, 6.3 * len(shown) + 0.9, 6.6) as figure:
         axes = np.atleast_1d(figure.subplots(1, len(shown)))
         for one, (text, sample) in zip(axes, shown):
-            chains = _network(one, sample)
+            chains = draw_network(one, sample)
             one.set_title(text)
         bar = figure.colorbar(chains, ax=list(axes), shrink=0.6, pad=0.01, boundaries=np.linspace(0.0, 4.0, 81))
         bar.set_ticks([0, 1, 2, 3, 4], labels=["0", "1", "2", "3", r"$\geq$ 4"])
@@ -170,8 +170,11 @@ def _networks(folder: Path, packing: Sample, loaded: Sample | None, columns: Col
     return path
 
 
-def _network(axes: Any, sample: Sample) -> LineCollection:
-    particles, contacts = particle_fields(sample), contact_fields(sample)
+def draw_network(axes: Any, sample: Sample, wrapped: bool = True) -> LineCollection:
+    """Disks and contact forces over their mean; in the periodic cell, with its outline, if they are `wrapped`."""
+    particles, contacts = particle_fields(sample), contact_fields(sample, wrapped)
+    if not wrapped:
+        particles["position"] = sample.position
     position, diameter = particles["position"], 2.0 * particles["radius"]
     bearing = particles["bears_force"] > 0
     outline = 0.3 * min(1.0, 2000.0 / sample.count)  # of many disks the outlines alone would fill the picture
@@ -191,6 +194,8 @@ def _network(axes: Any, sample: Sample) -> LineCollection:
     chains.set_array(np.clip(force[order], 0.0, 4.0))
     chains.set_clim(-0.6, 4.0)
     axes.add_collection(chains)
+    if not wrapped:
+        return chains
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) @ sample.cell
     axes.plot(*corners.T, color=BLACK, linewidth=0.8)
     edge = 0.5 * float(diameter.max())

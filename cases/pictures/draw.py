@@ -16,6 +16,7 @@ from granfabric.cases.scene.schema import MODELS
 from granfabric.constitutive.path import POINT_COLUMNS
 from granfabric.dem_ref.loading.run import HISTORY_COLUMNS
 from granfabric.dem_ref.sample.disks import SampleError
+from granfabric.dem_ref.specimen.history import COLUMNS
 
 from . import formats
 
@@ -85,7 +86,7 @@ def _draw_data(folder: Path, record: dict[str, Any]) -> list[Path]:
 def _check_history(folder: Path, kind: str) -> None:
     """See that the history has the columns that are drawn, and numbers in them."""
     table = files.read_csv(folder / files.HISTORY)
-    needed = {"point": POINT_COLUMNS, "dem": HISTORY_COLUMNS, "field": ("step", "stage", *MEANS)}[kind]
+    needed = {"point": POINT_COLUMNS, "dem": HISTORY_COLUMNS, "specimen": COLUMNS, "field": ("step", "stage", *MEANS)}[kind]
     for name in needed:
         if name not in table:
             raise InputError(f"{folder / files.HISTORY} has no column {name!r}")
@@ -119,6 +120,10 @@ def draw(folder: Path, scene: dict[str, Any]) -> list[Path]:
         from .dem import draw_dem
 
         return draw_dem(folder, columns, scene)
+    if scene["kind"] == "specimen":
+        from .specimen import draw_specimen
+
+        return draw_specimen(folder, columns, scene)
     from .field import draw_field
 
     pictures = draw_field(folder, columns, scene)

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.dem_ref.loading.run import DemRun
-from granfabric.dem_ref.measures.coarse_graining import GAUSSIAN_REACH, coarse_grained
+from granfabric.dem_ref.measures.coarse_graining import GAUSSIAN_REACH, CoarseFields, coarse_grained
 from granfabric.dem_ref.measures.fields import contact_fields, particle_fields
 from granfabric.dem_ref.sample.disks import Sample
 from granfabric.dem_ref.sample.neighbours import cell_heights
+from granfabric.dem_ref.specimen.fields import SpecimenFields
 
 from . import files
 
@@ -33,7 +34,7 @@ def _padded(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([values, np.zeros(len(values))])
 
 
-def particle_mesh(sample: Sample, start: NDArray[np.float64]) -> meshio.Mesh:
+def particle_mesh(sample: Sample, start: NDArray[np.float64], wrapped: bool = True) -> meshio.Mesh:
     """Disks as points; their radius is a field, to be drawn by ParaView's glyphs or point gaussians.
 
     Parameters
@@ -41,17 +42,21 @@ def particle_mesh(sample: Sample, start: NDArray[np.float64]) -> meshio.Mesh:
     sample : Sample
     start : ndarray, shape (n, 2)
         Positions from which displacements count.
+    wrapped : bool
+        Into the periodic cell.
     """
     fields = particle_fields(sample)
+    if not wrapped:
+        fields["position"] = sample.position
     data = {name: values for name, values in fields.items() if name != "position"}
     data["displacement"] = _padded(sample.position - start)
     points = _padded(fields["position"])
     return meshio.Mesh(points, [("vertex", np.arange(len(points)).reshape(-1, 1))], point_data=data)
 
 
-def contact_mesh(sample: Sample) -> meshio.Mesh:
+def contact_mesh(sample: Sample, wrapped: bool = True) -> meshio.Mesh:
     """Contacts as lines between centres; fields for the cells, and for the points so that tubes can vary in width."""
-    fields = contact_fields(sample)
+    fields = contact_fields(sample, wrapped)
     count = len(fields["start"])
     points = np.empty((2 * count, 3))
     points[0::2], points[1::2] = _padded(fields["start"]), _padded(fields["end"])
@@ -102,16 +107,23 @@ def field_mesh(
     cells = (grid.cells, grid.cells)
     found = coarse_grained(sample, cells, grid.scale_for(sample), grid.kernel, start)
     assert found.strain is not None
-    place = np.arange((cells[0] + 1) * (cells[1] + 1)).reshape(cells[0] + 1, -1)
+    return grid_mesh(found, found.strain, found.corner)
+
+
+def grid_mesh(
+    found: CoarseFields | SpecimenFields, strain: NDArray[np.float64], corner: NDArray[np.float64]
+) -> meshio.Mesh:
+    """Fields of the cells of a grid, whose corners have the shape (a + 1, b + 1, 2), as quadrilaterals."""
+    place = np.arange(corner.shape[0] * corner.shape[1]).reshape(corner.shape[:2])
     corners = [place[:-1, :-1], place[1:, :-1], place[1:, 1:], place[:-1, 1:]]
     data = {
         "disks": found.disks, "coordination": found.coordination, "fabric": _padded(found.fabric),
         "fabric_anisotropy": np.hypot(*found.fabric.T), "solid_fraction": found.solid_fraction,
-        "stress": found.stress, "strain": found.strain, "p": -0.5 * (found.stress[:, 0] + found.stress[:, 1]),
+        "stress": found.stress, "strain": strain, "p": -0.5 * (found.stress[:, 0] + found.stress[:, 1]),
         "q": np.hypot(0.5 * (found.stress[:, 0] - found.stress[:, 1]), found.stress[:, 2]),
     }  # fmt: skip
     return meshio.Mesh(
-        _padded(found.corner.reshape(-1, 2)),
+        _padded(corner.reshape(-1, 2)),
         [("quad", np.stack([corner.ravel() for corner in corners], axis=-1))],
         cell_data={name: [values] for name, values in data.items()},
     )
@@ -141,21 +153,29 @@ class DemSeries:
         self._folder = folder
         self._start = start.position.copy(), start.cell.copy()
         self._grid = grid
-        self._series = (PARTICLES, CONTACTS) if grid is None else (PARTICLES, CONTACTS, FIELDS)
         self._every = every
         self._records: list[int] = []
+        names = (PARTICLES, CONTACTS) if grid is None else (PARTICLES, CONTACTS, FIELDS)
         if every:
             for record in range(0, reached + 1, every):
-                if all((folder / _name(series, record)).is_file() for series in self._series):
+                if all((folder / _name(series, record)).is_file() for series in names):
                     self._records.append(record)
+
+    def is_due(self, record: int, last: bool = False) -> bool:
+        """Whether a record is to be written, and was not."""
+        return bool(self._every) and record not in self._records and (last or record % self._every == 0)
 
     def add(self, record: int, sample: Sample, last: bool = False) -> None:
         """Write a record if it is due, or the last."""
-        if not self._every or record in self._records or not (last or record % self._every == 0):
+        if not self.is_due(record, last):
             return
         meshes = {PARTICLES: particle_mesh(sample, self._start[0]), CONTACTS: contact_mesh(sample)}
         if self._grid is not None:
             meshes[FIELDS] = field_mesh(sample, self._start, self._grid)
+        self.write(record, meshes)
+
+    def write(self, record: int, meshes: dict[str, meshio.Mesh]) -> None:
+        """Write the meshes of a record by their series."""
         for series, mesh in meshes.items():
             _write(self._folder / _name(series, record), mesh)
         self._records.append(record)

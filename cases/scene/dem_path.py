@@ -197,7 +197,7 @@ def packing_options(scene: Any, folder: Path = Path()) -> PackingOptions:
     """
     options = scene.packing.model_dump(exclude={"particles", "seed", "grading_file"})
     if scene.packing.coordination is not None:
-        options["counted"] = scene.measure.rattlers
+        options["counted"] = scene.measure.rattlers if hasattr(scene, "measure") else "included"
     if scene.packing.grading_file is not None:
         try:
             options["grading"] = read_grading(folder / Path(scene.packing.grading_file).expanduser())

@@ -27,10 +27,13 @@ BARE_WORD = re.compile(r"(?:\.{0,2}/)*[A-Za-z_][A-Za-z0-9_./-]*")
 """A value of `--set` that is not TOML but looks like this is taken as text: the shell needs no double quotes."""
 
 
-COMMANDS = {"point": "point", "field": "run", "dem": "dem"}
+COMMANDS = {"point": "point", "field": "run", "dem": "dem", "specimen": "dem"}
 """Command that computes each kind of scene."""
 
-KIND_NAMES = {"point": "a point scene", "field": "a boundary-value problem", "dem": "a DEM scene"}
+KIND_NAMES = {
+    "point": "a point scene", "field": "a boundary-value problem", "dem": "a DEM scene of a periodic packing",
+    "specimen": "a DEM scene of a specimen",
+}  # fmt: skip
 
 Origins = dict[tuple[str, ...], Path]
 """File from which a key came, where that is not the scene file."""

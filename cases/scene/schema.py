@@ -22,6 +22,7 @@ from .schema_law import ClosureSection, EffectsSection, IntegrationSection, Mate
 from .schema_law_kind import LawSection, check_law, is_grains
 from .schema_mesh import Mesh
 from .schema_probe import Probe
+from .schema_specimen import SpecimenScene
 from .schema_stage import DRAINED, Solver, StageSection
 
 MapName = Literal[
@@ -170,7 +171,9 @@ class FieldScene(LawScene):
 NUMBERS = tuple(variable.name for variable in Material.variables())
 """Keys of a material."""
 
-MODELS: dict[str, type[Scene]] = {"point": PointScene, "field": FieldScene, "dem": DemScene}
+MODELS: dict[str, type[Scene]] = {
+    "point": PointScene, "field": FieldScene, "dem": DemScene, "specimen": SpecimenScene
+}  # fmt: skip
 """Model of each kind of scene; a new kind is added here."""
 
 TABLE_LISTS = ("path", "stage")
@@ -179,7 +182,7 @@ TABLE_LISTS = ("path", "stage")
 
 def json_schema() -> dict[str, Any]:
     """JSON schema of all kinds of scene, for editors."""
-    union: Any = Annotated[PointScene | FieldScene | DemScene, Field(discriminator="kind")]
+    union: Any = Annotated[PointScene | FieldScene | DemScene | SpecimenScene, Field(discriminator="kind")]
     schema = TypeAdapter(union).json_schema()
     # The title may be the file's name, the kind follows from the tables.
     for model in MODELS.values():

@@ -18,6 +18,7 @@ from granfabric.cases.scene.material_file import closure_keys, read_material
 from granfabric.constitutive.parameters import Material
 from granfabric.constitutive.path import POINT_COLUMNS, PORE_COLUMNS, SLIDING_COLUMNS
 from granfabric.dem_ref.loading.run import HISTORY_COLUMNS
+from granfabric.dem_ref.specimen.history import COLUMNS as COLUMNS_OF_SPECIMEN
 
 Array = NDArray[np.float64]
 
@@ -42,11 +43,13 @@ COLUMNS: dict[str, tuple[str, ...]] = {
     "point": (*POINT_COLUMNS, *SLIDING_COLUMNS, *PORE_COLUMNS, RATIO),
     "field": ("step", "fraction", *BODY, *NETWORK, *pore_columns.PORE, *COUNTS, LOAD_FACTOR, RATIO),
     "dem": (*HISTORY_COLUMNS, RATIO),
+    "specimen": COLUMNS_OF_SPECIMEN,
 }
 DEFAULTS = {
     "point": ("coordination", "fabric_anisotropy", "q/p:max"),
     "field": ("coordination", "fabric_anisotropy", "q/p:max"),
     "dem": ("coordination", "fabric_anisotropy", "q/p:max"),
+    "specimen": ("coordination", "fabric_anisotropy", "stress_ratio:max"),
 }
 
 

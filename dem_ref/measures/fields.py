@@ -28,15 +28,15 @@ def particle_fields(sample: Sample) -> dict[str, NDArray]:
     }
 
 
-def contact_fields(sample: Sample) -> dict[str, NDArray]:
+def contact_fields(sample: Sample, wrapped: bool = True) -> dict[str, NDArray]:
     """Contacts as lines: start and end (m, 2), normal_force, tangential_force, mobilisation ``|ft|/(mu fn)``.
 
     A line starts at its wrapped first centre and ends at the image of the second that touches it, so that lines across
-    the border stick out of the cell instead of crossing it.
+    the border stick out of the cell instead of crossing it. Centres are taken as they are if not `wrapped`.
     """
     contacts = contacts_of(sample)
     first = sample.position[contacts.first]
-    start = first - np.floor(first @ np.linalg.inv(sample.cell)) @ sample.cell
+    start = first - np.floor(first @ np.linalg.inv(sample.cell)) @ sample.cell if wrapped else first
     limit = np.maximum(sample.friction * contacts.normal_force, 1e-300)
     return {
         "start": start,

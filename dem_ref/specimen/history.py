@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granfabric.dem_ref.dynamics.stepping import CARRYING
 from granfabric.dem_ref.measures.contacts import (
     Contacts,
     component_along,
@@ -42,6 +43,19 @@ def energies(specimen: Specimen, contacts: Contacts | None = None) -> tuple[floa
     return inner, stored, 0.5 * kn / specimen.step**2 * float(np.sum(specimen.velocity[:, :3] ** 2))
 
 
+def lateral_strain(specimen: Specimen, contacts: Contacts) -> float:
+    """Widening since the consolidation: of the line that fits the displacements along x best, of disks that carry."""
+    start = specimen.start
+    assert start is not None
+    number = np.bincount(np.concatenate([contacts.first, contacts.second]), minlength=specimen.sample.count)
+    carry = number >= CARRYING
+    x, moved = start.position[carry, 0], specimen.sample.position[carry, 0] - start.position[carry, 0]
+    if len(x) < CARRYING:
+        return 0.0
+    apart = x - x.mean()
+    return float(apart @ (moved - moved.mean()) / (apart @ apart))
+
+
 def row(specimen: Specimen) -> list[float]:
     """Values of `COLUMNS`, now."""
     start = specimen.start
@@ -59,7 +73,7 @@ def row(specimen: Specimen) -> list[float]:
     ratio = (axial - specimen.pressure) / (axial + specimen.pressure)
     strain = specimen.axial_strain
     return [
-        strain, strain - specimen.lateral_strain, specimen.height, width, forces[1, 0], forces[0, 0], forces[1, 1],
+        strain, strain - lateral_strain(specimen, contacts), specimen.height, width, forces[1, 0], forces[0, 0], forces[1, 1],
         forces[0, 1], axial, ratio, coordination_number(specimen.sample, contacts).all_particles,
         component_along(fabric_anisotropy(contacts), UPWARDS), sliding_fraction(specimen.sample, contacts),
         specimen.unbalanced_force, elastic, kinetic, tally[PLATEN_WORK], tally[GIVEN_WORK], tally[FOLLOWING_WORK],

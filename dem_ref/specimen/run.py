@@ -89,8 +89,13 @@ class SpecimenRun:
         self.leg_of_row: list[int] = [0] if self.specimen.start is not None else []
         self.not_reached: list[str] = []
         self.reason = ""
-        self.start_position = self.specimen.sample.position.copy()
         self._kept: dict[str, NDArray] = {}
+
+    @property
+    def start_position(self) -> NDArray[np.float64]:
+        """Positions from which strains count."""
+        start = self.specimen.start
+        return self.specimen.sample.position if start is None else start.position
 
     @property
     def finished(self) -> bool:
@@ -164,7 +169,6 @@ class SpecimenRun:
             if not specimen.consolidate():
                 self.reason = f"consolidation: {specimen.ending}"
                 return
-            self.start_position = specimen.sample.position.copy()
             self._recorded(0)
             return
         leg = self.legs[self.leg]
@@ -215,7 +219,6 @@ class SpecimenRun:
             "run_options": np.frombuffer(self.fingerprint().encode(), np.uint8),
             "run_numbers": np.array([float(self.leg), float(self.part), self.leg_start]),
             "leg_of_row": np.array(self.leg_of_row, np.int64),
-            "start_position": self.start_position,
             "texts": np.frombuffer(json.dumps([self.reason, self.not_reached]).encode(), np.uint8),
         }
 
@@ -238,13 +241,9 @@ class SpecimenRun:
                 raise SampleError(f"{path}: array '{name}' is missing or damaged")
         if bytes(arrays["run_options"].astype(np.uint8)).decode(errors="replace") != run.fingerprint():
             raise SampleError(f"{path}: written by a run with another path, start anew or use the same scene")
-        start = arrays.get("start_position")
         numbers = arrays["run_numbers"].tolist()
-        if (
-            start is None or start.shape != run.start_position.shape or start.dtype != np.float64
-            or not np.isfinite(start).all() or not 0 <= numbers[0] <= len(run.legs) or not numbers[1] >= 0.0
-        ):  # fmt: skip
-            raise SampleError(f"{path}: array 'start_position' or 'run_numbers' is missing or damaged")
+        if not (0 <= numbers[0] <= len(run.legs) and 0.0 <= numbers[1] < 2**53 and abs(numbers[2]) <= 1.0):
+            raise SampleError(f"{path}: array 'run_numbers' is damaged")
         try:
             reason, not_reached = json.loads(bytes(arrays["texts"].astype(np.uint8)).decode())
             run.reason, run.not_reached = str(reason), [str(text) for text in not_reached]
@@ -252,6 +251,5 @@ class SpecimenRun:
             raise SampleError(f"{path}: array 'texts' is damaged") from error
         run.leg, run.part, run.leg_start = int(numbers[0]), int(numbers[1]), float(numbers[2])
         run.leg_of_row = arrays["leg_of_row"].tolist()
-        run.start_position = start.copy()
         run._kept = run.arrays()
         return run

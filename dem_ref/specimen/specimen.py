@@ -58,6 +58,7 @@ class Consolidated:
     height: float
     width: float
     elastic_energy: float
+    position: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,7 @@ class Specimen:
         self._weight = np.zeros((n, 2))
         self._weight[:, 1] = -self.options.unit_weight * np.pi * sample.radius**2
         self._given, self._held = self._weight.copy(), np.zeros(n)
-        self._widening = self.lateral_strain = 0.0
+        self._widening = 0.0
         self._platen_velocity, self._target, self._gain = np.zeros(2), np.zeros(2), np.zeros(2)
         self._fastest = 0.0
         self._wall = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
@@ -221,13 +222,15 @@ class Specimen:
         while steps > 0:
             part = min(steps, CHUNK)
             self._follow()
-            before = self.area / self.height
+            x = self.sample.position[:, 0]
+            left, right = x[self.left], x[self.right]
             self._take(part)
-            # of the same disks: what the membrane jumps when it leaves one of them is no strain
-            seen = self.area / self.height / before - 1.0
-            self.lateral_strain += seen
             if self._gain[1] == 0.0:  # the homogeneous part of the widening is learnt from what has happened
-                self._widening += LEARNING * (seen / part - self._widening)
+                x = self.sample.position[:, 0]
+                # of most disks on the membranes: single ones are loose, or are left by the membrane
+                moved = float(np.median(x[self.right] - right) - np.median(x[self.left] - left))
+                width = float(np.median(right) - np.median(left))
+                self._widening += LEARNING * (moved / width / part - self._widening)
             steps -= part
             if self.watch is not None:
                 self.watch()
@@ -350,8 +353,8 @@ class Specimen:
             if not self.hold(self.pressure * self.area / self.height):
                 return False
         self.tally[:] = 0.0
-        self.lateral_strain = 0.0
-        self.start = Consolidated(self.height, self.area / self.height, sum(history.energies(self)[:2]))
+        energy = sum(history.energies(self)[:2])
+        self.start = Consolidated(self.height, self.area / self.height, energy, self.sample.position.copy())
         self.rows = []
         self.record()
         return True
@@ -402,8 +405,8 @@ class Specimen:
     def history(self) -> dict[str, NDArray[np.float64]]:
         """Columns of the records; see `COLUMNS`.
 
-        Strains are compression positive and count from the consolidated specimen, the lateral one by the disks on the
-        membranes as long as they are there; `width` is area over height, forces N per metre of thickness, compression
+        Strains are compression positive and count from the consolidated specimen; the lateral part of the volumetric
+        one is that of the linear map that fits the disks with three contacts or more best; `width` is area over height, forces N per metre of thickness, compression
         positive, shear along x; `axial_stress` is the mean force of both platens over the width [Pa, compression
         positive], `stress_ratio` (axial - lateral)/(axial + lateral); `fabric_anisotropy` positive where contacts
         point along y; energies in J per metre since the consolidation: `given_work` of membranes and weight,

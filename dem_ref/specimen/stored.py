@@ -14,7 +14,7 @@ from .cut import SpecimenOptions
 from .history import COLUMNS
 from .specimen import Consolidated, Specimen
 
-_NUMBERS = 11
+_NUMBERS = 10
 SAMPLE = "sample_"
 
 
@@ -35,10 +35,10 @@ def specimen_arrays(specimen: Specimen) -> dict[str, NDArray]:
         "motion": specimen.velocity.copy(), "platens": specimen.platens.copy(), "reactions": specimen.reactions.copy(),
         "tally": specimen.tally.copy(), "measures": specimen.measures.copy(), "rows": np.array(specimen.rows),
         "wall_disk": disk.copy(), "wall_side": side.copy(), "wall_elongation": elongation.copy(),
-        "left": specimen.left.copy(), "right": specimen.right.copy(),
+        "left": specimen.left.copy(), "right": specimen.right.copy(), "start_position": start.position.copy(),
         "specimen_numbers": np.array(
             [
-                specimen.pressure, specimen._room, specimen._widening, specimen.lateral_strain,
+                specimen.pressure, specimen._room, specimen._widening,
                 float(specimen.steps_done), float(specimen._apart), start.height, start.width, start.elastic_energy,
                 *specimen._friction,
             ]
@@ -56,7 +56,8 @@ def _shapes(arrays: dict[str, NDArray], count: int) -> dict[str, tuple[str, tupl
         "measures": ("f8", (4,)), "rows": ("f8", (length("rows"), len(COLUMNS))),
         "wall_disk": ("i8", (length("wall_disk"),)), "wall_side": ("i8", (length("wall_disk"),)),
         "wall_elongation": ("f8", (length("wall_disk"),)), "left": ("i8", (length("left"),)),
-        "right": ("i8", (length("right"),)), "specimen_numbers": ("f8", (_NUMBERS,)),
+        "right": ("i8", (length("right"),)), "start_position": ("f8", (count, 2)),
+        "specimen_numbers": ("f8", (_NUMBERS,)),
     }  # fmt: skip
 
 
@@ -83,8 +84,8 @@ def specimen_from_arrays(arrays: dict[str, NDArray], options: SpecimenOptions, o
             raise SampleError(f"{origin}: array '{name}' names what there is not")
     numbers = arrays["specimen_numbers"].tolist()
     bottom, top = arrays["platens"].tolist()
-    if not (top > bottom and numbers[0] > 0.0 and numbers[6] > 0.0 and numbers[7] > 0.0 and len(arrays["rows"])
-            and len(arrays["left"]) and len(arrays["right"]) and 0.0 <= numbers[4] < 2**53):  # fmt: skip
+    if not (top > bottom and numbers[0] > 0.0 and numbers[5] > 0.0 and numbers[6] > 0.0 and len(arrays["rows"])
+            and len(arrays["left"]) and len(arrays["right"]) and 0.0 <= numbers[3] < 2**53):  # fmt: skip
         raise SampleError(f"{origin}: its numbers are not those of a specimen")
     specimen = Specimen.__new__(Specimen)
     specimen.options = options
@@ -95,9 +96,9 @@ def specimen_from_arrays(arrays: dict[str, NDArray], options: SpecimenOptions, o
     specimen.measures, specimen.rows = arrays["measures"].copy(), arrays["rows"].tolist()
     specimen._wall = arrays["wall_disk"].copy(), arrays["wall_side"].copy(), arrays["wall_elongation"].copy()
     specimen.left, specimen.right = arrays["left"].copy(), arrays["right"].copy()
-    specimen._room, specimen._widening, specimen.lateral_strain = numbers[1:4]
-    specimen.steps_done, specimen._apart = int(numbers[4]), int(numbers[5])
-    specimen.start = Consolidated(*numbers[6:9])
-    specimen._friction = numbers[9], numbers[10]
+    specimen._room, specimen._widening = numbers[1:3]
+    specimen.steps_done, specimen._apart = int(numbers[3]), int(numbers[4])
+    specimen.start = Consolidated(*numbers[5:8], arrays["start_position"].copy())
+    specimen._friction = numbers[8], numbers[9]
     specimen._make_room()
     return specimen

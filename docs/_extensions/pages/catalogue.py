@@ -10,9 +10,9 @@ from .project import shipped
 DOCS = Path(__file__).resolve().parents[2]
 FIGURES = DOCS / "figures"
 
-COMMANDS = {"point": "granfabric point", "field": "granfabric run", "dem": "granfabric dem"}
-HEADINGS = {"point": "Points", "field": "Boundary-value problems", "dem": "DEM"}
-ORDER = ("field", "point", "dem")
+COMMANDS = {"point": "granfabric point", "field": "granfabric run", "dem": "granfabric dem", "specimen": "granfabric dem"}
+HEADINGS = {"point": "Points", "field": "Boundary-value problems", "dem": "DEM", "specimen": "DEM with boundaries"}
+ORDER = ("field", "point", "dem", "specimen")
 
 
 def pictures(name: str) -> list[Path]:

@@ -19,6 +19,9 @@ KINDS = {
     "point": ("Scenes of a point", "One material point along a path of stress or strain: `granfabric point`."),
     "field": ("Scenes of a field", "A boundary-value problem: `granfabric run`."),
     "dem": ("Scenes of the DEM", "A packing of disks and its loading: `granfabric dem`."),
+    "specimen": (
+        "Scenes of a specimen of disks", "Disks between platens and membranes, and their loading: `granfabric dem`."
+    ),
 }
 
 
@@ -126,7 +129,7 @@ def pages() -> dict[str, str]:
     """One page a kind of scene, and one of what the law has in each."""
     result = {}
     for kind, (title, text) in KINDS.items():
-        see = "" if kind == "dem" else "`[material]`, `[closure]`, `[effects]` and `[integration]`: {doc}`scene_law`."
+        see = "" if kind in ("dem", "specimen") else "`[material]`, `[closure]`, `[effects]` and `[integration]`: {doc}`scene_law`."
         result[f"generated/reference/scene_{kind}"] = page(f"# {title}", text, see, *_tables_of(kind, shared=False))
     result["generated/reference/scene_law"] = page(
         "# Material, closure, effects and integration",
