@@ -22,11 +22,14 @@ from .hosts import HostOption, assists, leading
 from .picture_options import add_to, exit_by
 from .verify_options import (
     MaterialsOption,
+    MeasuredOption,
     PackingSetOption,
     ParticlesOption,
     PathsOption,
     QuickOption,
     SeedsOption,
+    SpecimenParticlesOption,
+    SpecimensOption,
     VerifiedScene,
     VerifyOutputOption,
 )
@@ -223,6 +226,9 @@ def verify(
     assignments: PackingSetOption = None,
     data: DataOption = None,
     quick: QuickOption = False,
+    specimens: SpecimensOption = None,
+    specimen_particles: SpecimenParticlesOption = None,
+    measured: MeasuredOption = False,
     workers: MapWorkersOption = None,
     scheduler: SchedulerOption = None,
     threads: ThreadsEachOption = None,
@@ -239,7 +245,8 @@ def verify(
         from .verify_kinds import verify_as_asked
 
         asked = (particles, seeds, paths, materials, assignments or [], data or [], quick)
-        exit_by(verify_as_asked(scene, output, *asked, Choice(workers, scheduler, threads), screen, overwrite).outcome)
+        choice, judges = Choice(workers, scheduler, threads), (specimens, specimen_particles, measured)
+        exit_by(verify_as_asked(scene, output, *asked, choice, screen, overwrite, judges).outcome)
 
 
 @app.command()

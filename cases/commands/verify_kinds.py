@@ -26,6 +26,7 @@ def verify_as_asked(
     choice: Choice,
     screen: Screen,
     overwrite: bool,
+    judges: tuple[int | None, int | None, bool] = (None, None, False),
 ) -> Record:
     """Do what the options ask for; see their help texts.
 
@@ -37,17 +38,22 @@ def verify_as_asked(
         If the run broke off.
     """
     folder = output or Path("results") / ("verify" if scene is None else f"verify_{Path(scene).stem}")
+    for name, value in zip(("--specimens", "--specimen-particles", "--measured"), judges):
+        if scene is None and value:
+            raise InputError(f"{name} goes with a scene: granfabric verify SCENE {name}")
     if scene is not None:
         unused: dict[str, object] = {"--paths": paths, "--materials": materials, "--quick": quick or None}
         unused |= {"--data": list(data) or None, "--workers": choice.workers, "--scheduler": choice.scheduler}
         for name, value in unused.items():
             if value is not None:
                 raise InputError(f"{name} does not go with a scene, which is computed by the law and by grains")
-        from .verify_scene import run_verify_scene
+        from .verify_scene import Judges, run_verify_scene
 
         choice.check()
         with machine.threads(choice.threads) if choice.threads else nullcontext():
-            return run_verify_scene(scene, folder, particles, seeds, list(assignments), screen, overwrite)
+            return run_verify_scene(
+                scene, folder, particles, seeds, list(assignments), screen, overwrite, Judges(*judges)
+            )
     if data:
         given: dict[str, object] = {"--paths": paths, "--materials": materials, "--quick": quick or None}
         given |= {"--particles": particles, "--seeds": seeds, "--workers": choice.workers}

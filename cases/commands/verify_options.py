@@ -48,6 +48,24 @@ PackingSetOption = Annotated[
         "SCENE: keys of the scene.",
     ),
 ]
+SpecimensOption = Annotated[
+    Optional[int],  # noqa: UP045
+    typer.Option(
+        "--specimens", metavar="N", help="SCENE: also by N specimens of grains between platens and membranes."
+    ),
+]
+SpecimenParticlesOption = Annotated[
+    Optional[int],  # noqa: UP045
+    typer.Option("--specimen-particles", metavar="M", help="Disks of such a specimen, about; 3000 if not given."),
+]
+MeasuredOption = Annotated[
+    bool,
+    typer.Option(
+        "--measured",
+        help="SCENE: the law takes what is measured on the packings (of specimens, else of the points), not what the "
+        "scene says.",
+    ),
+]
 QuickOption = Annotated[
     bool, typer.Option("--quick", help="Map: small packings, few materials and paths if not given; two minutes.")
 ]

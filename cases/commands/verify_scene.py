@@ -1,12 +1,15 @@
-"""One field scene by the law and by grains at its points: `granfabric verify SCENE`."""
+"""One field scene by the law, by grains at its points and by specimens of grains: `granfabric verify SCENE`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from granfabric.cases.errors import InputError
+import numpy as np
+
+from granfabric.cases.errors import InputError, RunError
 from granfabric.cases.records import files
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.scene.owner import Owner
@@ -14,15 +17,67 @@ from granfabric.cases.scene.reader import LoadedScene, load
 from granfabric.cases.scene.schema_law_kind import UNUSED, is_grains
 from granfabric.cases.scene.toml_text import to_toml
 from granfabric.cases.terminal.screen import Screen
+from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.verify import scene_fields, scene_picture
+from granfabric.cases.verify.scene_plan import SpecimenPlan, plan_of
+from granfabric.cases.verify.scene_specimens import (
+    INERTIAL_NUMBER,
+    KERNEL,
+    OneSpecimen,
+    compressed,
+    mean_fields,
+    packings_for,
+)
+from granfabric.dem_ref.dynamics.motion import UnstableMotionError
+from granfabric.dem_ref.dynamics.packing import PackingError
+from granfabric.dem_ref.inputs.probes import ProbeError
+from granfabric.dem_ref.sample.disks import SampleError
+from granfabric.dem_ref.sample.neighbours import CellTooSmallError
+from granfabric.dem_ref.specimen.membrane import MembraneError
 
 from .run import run_field
+from .verify_measured import measured_scene
 
 PARTICLES, PACKINGS = 400, 8
 MOST_PARTICLES = 20_000
 LAW, GRAINS = "law", "grains"
 """Folders of the two runs inside the result folder."""
 TABLE, PICTURE = "scene_comparison.csv", "scene_comparison.png"
+SPECIMEN_PARTICLES, MOST_SPECIMENS = 3000, 100
+LEAST_SPECIMEN, MOST_SPECIMEN = 100, 200_000
+
+
+@dataclass(frozen=True)
+class Judges:
+    """What a scene is compared with besides grains at the points.
+
+    Attributes
+    ----------
+    specimens : int, optional
+        Of grains; none if not given.
+    disks : int, optional
+        Of a specimen.
+    measured : bool
+        The law takes what is measured on the packings, not what the scene says.
+    """
+
+    specimens: int | None = None
+    disks: int | None = None
+    measured: bool = False
+
+    def check(self) -> None:
+        """Refuse numbers that are not legal.
+
+        Raises
+        ------
+        InputError
+        """
+        if self.disks is not None and self.specimens is None:
+            raise InputError("--specimen-particles goes with --specimens N")
+        if self.specimens is not None and not 1 <= self.specimens <= MOST_SPECIMENS:
+            raise InputError(f"--specimens {self.specimens} is outside [1, {MOST_SPECIMENS}]")
+        if self.disks is not None and not LEAST_SPECIMEN <= self.disks <= MOST_SPECIMEN:
+            raise InputError(f"--specimen-particles {self.disks} is outside [{LEAST_SPECIMEN}, {MOST_SPECIMEN}]")
 
 
 def grains_scene(loaded: LoadedScene, particles: int, packings: int) -> dict[str, Any]:
@@ -66,8 +121,9 @@ def run_verify_scene(
     assignments: Sequence[str],
     screen: Screen,
     overwrite: bool = False,
+    judges: Judges | None = None,
 ) -> Record:
-    """Compute a scene twice and compare.
+    """Compute a scene twice, with specimens of grains besides if they are asked for, and compare.
 
     Parameters
     ----------
@@ -81,6 +137,7 @@ def run_verify_scene(
         ``key=value`` of the scene.
     screen : Screen
     overwrite : bool
+    judges : Judges, optional
 
     Returns
     -------
@@ -95,9 +152,12 @@ def run_verify_scene(
     particles, packings = particles or PARTICLES, packings or PACKINGS
     if not 50 <= particles <= MOST_PARTICLES:
         raise InputError(f"--particles {particles} is outside [50, {MOST_PARTICLES}] at the points of a scene")
+    judges = judges or Judges()
+    judges.check()
     loaded = load(scene, assignments)
     loaded.require("field")
     table = grains_scene(loaded, particles, packings)
+    plan = plan_of(loaded) if judges.specimens else None
     owner = Owner("verify", f"verify {loaded.name}", f"{loaded.scene.title}: law and grains")
     with files.held(folder, owner, overwrite):
         files.prepare_output(folder, owner, overwrite)
@@ -107,6 +167,9 @@ def run_verify_scene(
         screen.keep_log(folder / files.LOG, versions())
         file = folder / files.GRAINS
         files.write_text(file, to_toml(table))
+        if judges.measured:
+            with record.phase("measuring"):
+                loaded = measured_scene(loaded, scene, assignments, (particles, packings), plan, judges, folder, screen)
         with record.phase("law"):
             first = run_field(loaded, folder / LAW, screen, overwrite=True)
         second = first
@@ -116,19 +179,97 @@ def run_verify_scene(
         outcomes = [first.outcome, second.outcome]
         record.outcome = next((name for name in ("stopped", "failed") if name in outcomes), "finished")  # type: ignore[assignment]
         record.message = next((run.message for run in (first, second) if run.outcome != "finished"), first.message)
+        record.details["audit"] = (files.read_record(folder / LAW) or {}).get("audit", [])
+        found: list[OneSpecimen] = []
+        if plan is not None and record.outcome != "stopped":
+            with record.phase("specimens"):
+                found = _specimens(folder, loaded, plan, judges, record, screen)
         if record.outcome != "stopped":
-            _compare(folder, record, screen)
+            _compare(folder, record, screen, found)
         record.write()
     return record
 
 
-def _compare(folder: Path, record: Record, screen: Screen) -> None:
+def _specimens(
+    folder: Path, loaded: LoadedScene, plan: SpecimenPlan, judges: Judges, record: Record, screen: Screen
+) -> list[OneSpecimen]:
+    """Specimens that follow the scene to the last step that law and grains share; the record tells of those that fail.
+
+    Raises
+    ------
+    InputError
+        If the packings cannot be made.
+    """
+    law, _ = scene_fields.ended((folder / LAW, folder / GRAINS))
+    material, wanted = loaded.scene.material, judges.specimens or 0
+    store = packings_for(
+        judges.disks or SPECIMEN_PARTICLES, plan, material.normal_stiffness, material.stiffness_ratio
+    )
+    places = {
+        scene_fields.POINTS: law.places - _corner(law),
+        scene_fields.NODES: np.asarray(law.mesh.points)[:, :2] - _corner(law),
+    }
+    found: list[OneSpecimen] = []
+    lost: list[str] = []
+    with interrupt_request(screen.announce_stop) as stop, screen.progress("specimens", float(wanted)) as advance:
+        for number in range(wanted):
+            seed = number + 1
+
+            def tell(part: float, text: str, number: int = number) -> None:
+                advance(number + part, f"specimen {number + 1} of {wanted}, {text}")
+
+            tell(0.0, "packing")
+            try:
+                packing = store.at_rest(seed)
+                found.append(compressed(packing, plan, law.at, places, len(law.places), tell, stop))
+            except (
+                RunError, PackingError, ProbeError, SampleError, CellTooSmallError, UnstableMotionError, MembraneError
+            ) as error:  # fmt: skip
+                if stop():
+                    record.outcome, record.message = "stopped", "stopped while specimens were compressed"
+                    break
+                lost.append(f"specimen {number + 1}: {error}")
+    for text in lost:
+        screen.say(text, insist=True)
+    record.details["specimens"] = {
+        "asked": wanted,
+        "computed": len(found),
+        "disks": [one.disks for one in found],
+        "given_up": lost,
+        "inertial_number": INERTIAL_NUMBER,
+        "kernel": KERNEL,
+        "kernel_reach": found[0].reach if found else None,
+        "platens": "rough" if plan.is_rough else "smooth",
+    }
+    if not found and record.outcome != "stopped":
+        record.outcome, record.message = "failed", "no specimen could be compressed to the end"
+    return found
+
+
+def _corner(law: scene_fields.Ended) -> Any:
+    return np.asarray(law.mesh.points)[:, :2].min(axis=0)
+
+
+def _compare(folder: Path, record: Record, screen: Screen, found: Sequence[OneSpecimen]) -> None:
     law, grains = scene_fields.ended((folder / LAW, folder / GRAINS))
-    rows = scene_fields.table(law, grains)
-    files.write_text(folder / TABLE, files.csv_text(list(scene_fields.COLUMNS), rows))
+    rows, columns = scene_fields.table(law, grains), list(scene_fields.COLUMNS)
+    maps = None
+    if found:
+        rows = scene_fields.table_with_specimens(rows, law, grains, found)
+        columns += scene_fields.OF_SPECIMENS
+        maps = mean_fields(found, scene_fields.NODES)
+    files.write_text(folder / TABLE, files.csv_text(columns, rows))
     with record.phase("pictures"):
-        scene_picture.draw(folder / PICTURE, law, grains, str(record.scene["title"]))
-    record.details["comparison"] = [dict(zip(scene_fields.COLUMNS, row)) for row in rows]
+        scene_picture.draw(folder / PICTURE, law, grains, str(record.scene["title"]), maps)
+    record.details["comparison"] = [dict(zip(columns, row)) for row in rows]
     shown = [[row[0], *(f"{value:.4g}" if value != "" else "" for value in row[1:])] for row in rows]
-    screen.table(str(record.scene["title"]), list(scene_fields.COLUMNS), shown, ("quantity",))
-    screen.say(f"law {record.timing['law']:.3g} s, grains {record.timing['grains']:.3g} s; results in {folder}")
+    heads = columns
+    if found:  # what fits on a screen; the file has all of it
+        heads = ["quantity", "law", "grains", "specimens", "law corr.", "grains corr."]
+        shown = [[*row[:3], f"{row[6]} +- {row[7]}" if row[7] else row[6], *row[10:]] for row in shown]
+    screen.table(str(record.scene["title"]), heads, shown, ("quantity",))
+    told = [name for name in ("law", "grains", "specimens", "measuring") if name in record.timing]
+    outside = [entry["name"] for entry in record.details["audit"] if entry.get("fraction", 0.0) > 0.0]
+    if outside:
+        screen.say(f"the law leaves out more than it may here: {', '.join(outside)} ({folder / LAW / files.RECORD})")
+    screen.say(f"{', '.join(f'{name} {record.timing[name]:.3g} s' for name in told)}; results in {folder}")

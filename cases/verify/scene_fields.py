@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,17 @@ from numpy.typing import NDArray
 from granfabric.cases.errors import RunError
 from granfabric.cases.records import files, series
 
+from .scene_specimens import OneSpecimen, mean_fields, with_error
+
 Array = NDArray[np.float64]
 
 COLUMNS = ("quantity", "law", "grains", "difference", "rms", "correlation")
+OF_SPECIMENS = (
+    "specimens", "standard_error", "law_rms", "grains_rms", "law_correlation", "grains_correlation",
+)  # fmt: skip
+"""Further columns with specimens: their mean with its standard error, and how law and grains differ from it."""
+AT_POINTS = ("change of z at points", "change of a_c along x at points", "q/p at points")
+POINTS, NODES = "points", "nodes"
 FIELDS = ("coordination", "fabric_anisotropy", "stress_ratio")
 REQUIRED = ("coordination", "fabric_anisotropy", "stress")
 
@@ -34,6 +43,10 @@ class Ended:
         the fabric anisotropy the component along x, positive where more contacts point along x than along y.
     mesh : meshio.Mesh
         Of the step.
+    places : ndarray, shape (npt, 2)
+        Of the integration points [m].
+    at : tuple
+        Stage and fraction of it.
     """
 
     history: dict[str, Array]
@@ -41,6 +54,8 @@ class Ended:
     nodes: dict[str, Array]
     points: dict[str, Array]
     mesh: Any
+    places: Array
+    at: tuple[str, float]
 
 
 def _history(folder: Path) -> tuple[list[tuple[str, float]], dict[str, Array]]:
@@ -92,7 +107,8 @@ def ended(folders: tuple[Path, Path]) -> tuple[Ended, Ended]:
     made = []
     for folder, row, step, (_, columns) in zip(folders, rows, steps, histories):
         nodes, mesh = _changes(folder, "result", step)
-        made.append(Ended(columns, row, nodes, _changes(folder, "points", step)[0], mesh))
+        points, there = _changes(folder, "points", step)
+        made.append(Ended(columns, row, nodes, points, mesh, np.asarray(there.points)[:, :2], at))
     return made[0], made[1]
 
 
@@ -113,11 +129,49 @@ def table(law: Ended, grains: Ended) -> list[list[Any]]:
         if run_column == "coordination":
             values = [value - run.history[run_column][0] for value, run in zip(values, (law, grains))]
         rows.append(_row(text, *values))
-    for name, text in zip(FIELDS, ("change of z at points", "change of a_c along x at points", "q/p at points")):
+    for name, text in zip(FIELDS, AT_POINTS):
         a, b = law.points[name], grains.points[name]
-        alike = float(np.corrcoef(a, b)[0, 1]) if np.ptp(a) > 1e-12 and np.ptp(b) > 1e-12 else ""
+        alike = _correlation(a, b)
         rows.append([*_row(text, float(a.mean()), float(b.mean()))[:4], float(np.sqrt(np.mean((a - b) ** 2))), alike])
     return rows
+
+
+def table_with_specimens(rows: list[list[Any]], law: Ended, grains: Ended, found: Sequence[OneSpecimen]) -> list[list[Any]]:
+    """The rows with mean and standard error of the specimens, and what law and grains are off by.
+
+    Of fields at points: root mean square differences of law and of grains from the mean of the specimens, and the
+    correlation of each with it.
+    """
+    means = mean_fields(found, POINTS)
+    made = []
+    for row in rows:
+        text = str(row[0])
+        if text.startswith("reaction_"):
+            values = with_error([one.reaction for one in found])
+        elif text == "initial z":
+            values = with_error([one.coordination[0] for one in found])
+        elif text == "mean change of z":
+            values = with_error([one.coordination[1] - one.coordination[0] for one in found])
+        else:
+            name = next((name for name, words in zip(FIELDS, AT_POINTS) if text == words), None)
+            if name is None:
+                made.append([*row, "", "", "", "", "", ""])
+                continue
+            told = np.isfinite(means[name])
+            off = [(run.points[name] - means[name])[told] for run in (law, grains)]
+            alike = [_correlation(run.points[name][told], means[name][told]) for run in (law, grains)]
+            rms = [float(np.sqrt(np.mean(values**2))) for values in off]
+            mean, error = float(means[name][told].mean()), ""
+            if name == "fabric_anisotropy":  # over all contacts
+                mean, error = with_error([one.fabric[1] - one.fabric[0] for one in found])  # type: ignore[assignment]
+            made.append([*row, mean, error, *rms, *alike])
+            continue
+        made.append([*row, *values, "", "", "", ""])
+    return made
+
+
+def _correlation(a: Array, b: Array) -> float | str:
+    return float(np.corrcoef(a, b)[0, 1]) if np.ptp(a) > 1e-12 and np.ptp(b) > 1e-12 else ""
 
 
 def _row(text: str, law: float, grains: float) -> list[Any]:
