@@ -38,9 +38,9 @@ def verify_as_asked(
         If the run broke off.
     """
     folder = output or Path("results") / ("verify" if scene is None else f"verify_{Path(scene).stem}")
-    for name, value in zip(("--specimens", "--specimen-particles", "--measured"), judges):
-        if scene is None and value:
-            raise InputError(f"{name} goes with a scene: granfabric verify SCENE {name}")
+    for option, asked in zip(("--specimens", "--specimen-particles", "--measured"), judges):
+        if scene is None and asked:
+            raise InputError(f"{option} goes with a scene: granfabric verify SCENE {option}")
     if scene is not None:
         unused: dict[str, object] = {"--paths": paths, "--materials": materials, "--quick": quick or None}
         unused |= {"--data": list(data) or None, "--workers": choice.workers, "--scheduler": choice.scheduler}

@@ -16,8 +16,8 @@ from granfabric.cases.scene.owner import Owner
 from granfabric.cases.scene.reader import LoadedScene, load
 from granfabric.cases.scene.schema_law_kind import UNUSED, is_grains
 from granfabric.cases.scene.toml_text import to_toml
-from granfabric.cases.terminal.screen import Screen
 from granfabric.cases.terminal.interruption import interrupt_request
+from granfabric.cases.terminal.screen import Screen
 from granfabric.cases.verify import scene_fields, scene_picture
 from granfabric.cases.verify.scene_plan import SpecimenPlan, plan_of
 from granfabric.cases.verify.scene_specimens import (

@@ -86,7 +86,8 @@ def _draw_data(folder: Path, record: dict[str, Any]) -> list[Path]:
 def _check_history(folder: Path, kind: str) -> None:
     """See that the history has the columns that are drawn, and numbers in them."""
     table = files.read_csv(folder / files.HISTORY)
-    needed = {"point": POINT_COLUMNS, "dem": HISTORY_COLUMNS, "specimen": COLUMNS, "field": ("step", "stage", *MEANS)}[kind]
+    of_dem = {"dem": HISTORY_COLUMNS, "specimen": COLUMNS}
+    needed = {"point": POINT_COLUMNS, **of_dem, "field": ("step", "stage", *MEANS)}[kind]
     for name in needed:
         if name not in table:
             raise InputError(f"{folder / files.HISTORY} has no column {name!r}")

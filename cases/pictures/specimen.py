@@ -45,8 +45,10 @@ def draw_specimen(folder: Path, columns: Columns, scene: dict[str, Any]) -> list
     run = _run(folder, scene)
     x = columns["axial_strain"] * 1e6
     with picture(path, 15.0 if run is not None else 8.4, 7.2) as figure:
-        grid = figure.add_gridspec(2, 4 if run is not None else 2, width_ratios=[1, 1, 1.1, 1.1] if run else [1, 1])
-        stress, contacts, volume, forces = (figure.add_subplot(grid[row, column]) for row in (0, 1) for column in (0, 1))
+        widths = [1.0, 1.0] if run is None else [1.0, 1.0, 1.1, 1.1]
+        grid = figure.add_gridspec(2, len(widths), width_ratios=widths)
+        places = [(row, column) for row in (0, 1) for column in (0, 1)]
+        stress, contacts, volume, forces = (figure.add_subplot(grid[place]) for place in places)
         stress.plot(x, columns["stress_ratio"], color=BLACK, label="$q/p$")
         stress.set(title="(a) stress ratio", ylabel="(axial - lateral)/(axial + lateral)")
         contacts.plot(x, columns["coordination"], color=BLUE, label="$z$")
@@ -56,7 +58,7 @@ def draw_specimen(folder: Path, columns: Columns, scene: dict[str, Any]) -> list
         other.set_ylabel("$a_c$ [-]")
         other.grid(False)
         lines = [*contacts.get_lines(), *other.get_lines()]
-        contacts.legend(lines, [line.get_label() for line in lines], fontsize=8)
+        contacts.legend(lines, [str(line.get_label()) for line in lines], fontsize=8, loc="center right")
         volume.plot(x, columns["volumetric_strain"] * 1e6, color=GREEN)
         volume.set(title="(c) change of volume", ylabel="compression [$10^{-6}$]")
         forces.plot(x, columns["upper_force"] / 1e3, color=ORANGE, label="upper platen")

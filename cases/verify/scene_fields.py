@@ -136,7 +136,9 @@ def table(law: Ended, grains: Ended) -> list[list[Any]]:
     return rows
 
 
-def table_with_specimens(rows: list[list[Any]], law: Ended, grains: Ended, found: Sequence[OneSpecimen]) -> list[list[Any]]:
+def table_with_specimens(
+    rows: list[list[Any]], law: Ended, grains: Ended, found: Sequence[OneSpecimen]
+) -> list[list[Any]]:
     """The rows with mean and standard error of the specimens, and what law and grains are off by.
 
     Of fields at points: root mean square differences of law and of grains from the mean of the specimens, and the

@@ -71,10 +71,9 @@ def row(specimen: Specimen) -> list[float]:
     )  # fmt: skip
     axial = float(0.5 * forces[:, 0].sum() / width)
     ratio = (axial - specimen.pressure) / (axial + specimen.pressure)
-    strain = specimen.axial_strain
+    strain, wider = specimen.axial_strain, lateral_strain(specimen, contacts)
     return [
-        strain, strain - lateral_strain(specimen, contacts), specimen.height, width, forces[1, 0], forces[0, 0], forces[1, 1],
-        forces[0, 1], axial, ratio, coordination_number(specimen.sample, contacts).all_particles,
+        strain, strain - wider, specimen.height, width, forces[1, 0], forces[0, 0], forces[1, 1], forces[0, 1], axial, ratio, coordination_number(specimen.sample, contacts).all_particles,
         component_along(fabric_anisotropy(contacts), UPWARDS), sliding_fraction(specimen.sample, contacts),
         specimen.unbalanced_force, elastic, kinetic, tally[PLATEN_WORK], tally[GIVEN_WORK], tally[FOLLOWING_WORK],
         tally[FRICTION_HEAT], tally[DRAG_HEAT], balance, float(specimen.steps_done),

@@ -149,7 +149,7 @@ class SpecimenRun:
                 self.advance()
                 if on_record is not None:
                     on_record(self)
-                if checkpoint is not None:
+                if checkpoint is not None and self.specimen.start is not None:
                     self._kept = self.arrays()
                     if monotonic() - written > checkpoint_seconds:
                         written = monotonic()

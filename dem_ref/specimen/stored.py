@@ -98,7 +98,9 @@ def specimen_from_arrays(arrays: dict[str, NDArray], options: SpecimenOptions, o
     specimen.left, specimen.right = arrays["left"].copy(), arrays["right"].copy()
     specimen._room, specimen._widening = numbers[1:3]
     specimen.steps_done, specimen._apart = int(numbers[3]), int(numbers[4])
-    specimen.start = Consolidated(*numbers[5:8], arrays["start_position"].copy())
+    specimen.start = Consolidated(
+        height=numbers[5], width=numbers[6], elastic_energy=numbers[7], position=arrays["start_position"].copy()
+    )
     specimen._friction = numbers[8], numbers[9]
     specimen._make_room()
     return specimen

@@ -7,8 +7,11 @@ import pytest
 from dem_samples import two_disks
 
 from granfabric.dem_ref.dynamics.packing import make_packing
-from granfabric.dem_ref.sample.disks import SampleError
+from granfabric.dem_ref.measures.contacts import contacts_of
+from granfabric.dem_ref.sample.disks import SampleError, write_atomically
+from granfabric.dem_ref.specimen.fields import is_inside, specimen_fields
 from granfabric.dem_ref.specimen.membrane import MembraneError, enclosed_area, membrane_forces, outer_chain
+from granfabric.dem_ref.specimen.run import SpecimenLeg, SpecimenRun
 from granfabric.dem_ref.specimen.specimen import Specimen, SpecimenOptions
 
 PRESSURE = 1e5
@@ -112,7 +115,6 @@ def test_the_weight_is_the_difference_of_the_platens():
     packing = make_packing(200, 2)
     weight = 0.02 * PRESSURE
     specimen = Specimen(packing, SpecimenOptions(unit_weight=weight))
-    # a disk that lies on the platen beside the specimen rolls about: this is as quiet as it gets
     assert specimen.hold(specimen.pressure * specimen.area / specimen.height, rest=5e-3), specimen.ending
     total = weight * np.pi * np.sum(specimen.sample.radius**2)
     pressed = float(specimen._given[:, 1].sum())
@@ -143,3 +145,134 @@ def test_bad_input_is_refused_with_a_sentence(packing):
         specimen.compress(0.01)
     with pytest.raises(SampleError, match="force is"):
         specimen.hold(-1.0)
+
+
+LEGS = (SpecimenLeg("compression", 1e-4), SpecimenLeg("rest"), SpecimenLeg("compression", 5e-5, stress_ratio=0.01),
+        SpecimenLeg("force", axial_stress=1.1e5))  # fmt: skip
+QUICK = SpecimenOptions(platen_friction=0.0, inertial_number=1e-4, height_to_width=2.0)
+
+
+@pytest.fixture(scope="module")
+def smooth() -> SpecimenRun:
+    """A specimen between smooth platens, carried along all kinds of legs."""
+    run = SpecimenRun(make_packing(300, 1), QUICK, LEGS, 2e-5)
+    assert run.execute(), run.reason
+    return run
+
+
+def test_it_is_cut_with_the_shape_asked_for(smooth):
+    start = smooth.specimen.start
+    assert start.height / start.width == pytest.approx(2.0, rel=0.2)
+    assert 100 < smooth.specimen.sample.count < 150
+
+
+def test_legs_end_where_they_are_asked_to(smooth):
+    h = smooth.history()
+    strain, leg = h["axial_strain"], h["leg"]
+    assert leg.tolist() == [0, *[1] * 5, 2, *[3] * (leg == 3).sum(), 4]
+    assert strain[5] == pytest.approx(1e-4, rel=1e-9) and strain[6] == strain[5]
+    assert h["unbalanced_force"][6] < QUICK.at_rest
+    assert strain[leg == 3][-1] == pytest.approx(5e-5, rel=1e-9)  # q/p stays above where it would have ended
+    assert smooth.not_reached and "leg 3 ended at its axial strain" in smooth.not_reached[0]
+    assert h["upper_force"][-1] == pytest.approx(1.1e5 * smooth.specimen.start.width, rel=3e-3)
+
+
+def test_platens_and_what_acts_between_them_balance(smooth):
+    """Lower less upper force is what the membranes press downwards, at rest."""
+    specimen = smooth.specimen
+    upper, lower = specimen.reactions[1, 0], specimen.reactions[0, 0]
+    assert lower - upper == pytest.approx(-specimen._given[:, 1].sum(), abs=1e-3 * upper)
+    by_disks = specimen.platen_contacts()
+    for side in (0, 1):
+        found = by_disks.normal_force[by_disks.side == side].sum()
+        assert found == pytest.approx(specimen.reactions[side, 0], rel=1e-3)
+
+
+@pytest.mark.parametrize("kernel", ["gaussian", "lucy", "heaviside"])
+@pytest.mark.parametrize("shape", [(1, 1), (3, 7), (6, 12)])
+def test_nothing_is_lost_at_the_edges_and_stress_is_that_of_the_boundaries(smooth, kernel, shape):
+    """Shares add up to one wherever points and kernel lie: sums over points are those of the whole specimen."""
+    specimen = smooth.specimen
+    middles = [(np.arange(number) + 0.5) / number for number in shape]
+    points = np.stack(np.meshgrid(*middles), axis=-1).reshape(-1, 2)
+    found = specimen_fields(specimen, points, 2.0, kernel, smooth.start_position)
+    assert found.area.sum() == pytest.approx(specimen.area, rel=1e-12)
+    assert found.disks.sum() == pytest.approx(specimen.sample.count, rel=1e-9)
+    told = found.disks > 0.0
+    contacts = found.disks[told] @ found.coordination[told]
+    assert contacts == pytest.approx(2.0 * contacts_of(specimen.sample).count, rel=1e-9)
+    stress = np.nansum(found.area[:, None] * found.stress, axis=0) / specimen.area
+    # smooth platens: across, the pressure of the membranes and nothing else
+    assert stress[0] == pytest.approx(-specimen.pressure, rel=1e-3)
+    width = specimen.area / specimen.height
+    low, high = sorted(specimen.reactions[:, 0] / width)
+    assert low * 0.98 < -stress[1] < high * 1.02
+
+
+def test_a_homogeneous_deformation_has_its_strain_at_every_point(smooth):
+    specimen = smooth.specimen
+    gradient = np.array([[2e-3, 5e-4], [1e-3, -3e-3]])
+    start = specimen.sample.position @ np.linalg.inv(np.eye(2) + gradient).T
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.5], [1.0, 1.0]])
+    found = specimen_fields(specimen, corners, 4.0, "lucy", start)
+    assert found.strain == pytest.approx(np.tile([2e-3, -3e-3, 1.5e-3], (4, 1)), abs=1e-12)
+    assert np.isnan(specimen_fields(specimen, corners, 4.0).strain).all()
+
+
+def test_places_inside_a_polygon():
+    corners = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [1.0, 0.5], [0.0, 2.0]])
+    places = np.array([[1.0, 0.4], [1.0, 0.6], [0.1, 1.5], [1.9, 1.5], [2.1, 1.0], [-0.1, 0.1], [1.0, -0.1]])
+    assert is_inside(places, corners).tolist() == [True, False, True, True, False, False, False]
+
+
+def test_a_stopped_run_leaves_its_last_record_and_goes_on_to_the_same_bits(smooth, tmp_path):
+    run = SpecimenRun(make_packing(300, 1), QUICK, LEGS, 2e-5)
+    assert not run.execute(stop=lambda: len(run.specimen.rows) >= 3, checkpoint=tmp_path / "c.npz")
+    again = SpecimenRun.resume(tmp_path / "c.npz", QUICK, LEGS, 2e-5)
+    assert again.specimen.rows == smooth.specimen.rows[:3] and not again.finished
+    again.execute()
+    assert again.specimen.rows == smooth.specimen.rows and again.leg_of_row == smooth.leg_of_row
+    assert again.not_reached == smooth.not_reached
+    assert np.array_equal(again.specimen.sample.position, smooth.specimen.sample.position)
+
+
+def test_damaged_and_foreign_checkpoints_are_refused(smooth, tmp_path):
+    arrays = smooth.arrays()
+    path = tmp_path / "c.npz"
+    for name in ("motion", "wall_disk", "left", "specimen_numbers", "start_position", "run_numbers", "texts"):
+        wrong_ones = [None, np.full_like(arrays[name], 10**6)] if name == "left" else [None, arrays[name][..., :-1]]
+        for wrong in wrong_ones:
+            changed = {key: value for key, value in arrays.items() if key != name}
+            write_atomically(path, changed if wrong is None else {**changed, name: wrong})
+            with pytest.raises(SampleError, match=r"c\.npz"):
+                SpecimenRun.resume(path, QUICK, LEGS, 2e-5)
+    write_atomically(path, arrays)
+    with pytest.raises(SampleError, match="other options"):
+        SpecimenRun.resume(path, SpecimenOptions(), LEGS, 2e-5)
+    with pytest.raises(SampleError, match="another path"):
+        SpecimenRun.resume(path, QUICK, LEGS[:2], 2e-5)
+
+
+def test_loose_disks_under_gravity_do_not_keep_it_from_rest():
+    """Disks that have fallen on the lower platen, or lie in gaps, neither bounce for ever nor count."""
+    specimen = Specimen(make_packing(200, 2), SpecimenOptions(unit_weight=500.0))
+    assert specimen.consolidate(), specimen.ending
+    contacts = contacts_of(specimen.sample)
+    number = np.bincount(np.concatenate([contacts.first, contacts.second]), minlength=specimen.sample.count)
+    assert (number < 2).sum() > 3  # there are such
+    pressed = specimen.reactions[0, 0] - specimen.reactions[1, 0]
+    assert pressed == pytest.approx(-specimen._given[:, 1].sum(), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"loading": "shear"}, "loading is 'shear', legal are compression, force, rest"),
+        ({"loading": "compression", "axial_strain": 0.5}, "axial_strain is"),
+        ({"loading": "force", "axial_stress": -1.0}, "axial_stress is"),
+        ({"loading": "compression", "stress_ratio": 2.0}, "stress_ratio is"),
+    ],
+)
+def test_bad_legs_are_refused(values, words):
+    with pytest.raises(SampleError, match=words):
+        SpecimenLeg(**values)

@@ -10,7 +10,9 @@ from .project import shipped
 DOCS = Path(__file__).resolve().parents[2]
 FIGURES = DOCS / "figures"
 
-COMMANDS = {"point": "granfabric point", "field": "granfabric run", "dem": "granfabric dem", "specimen": "granfabric dem"}
+COMMANDS = {
+    "point": "granfabric point", "field": "granfabric run", "dem": "granfabric dem", "specimen": "granfabric dem"
+}  # fmt: skip
 HEADINGS = {"point": "Points", "field": "Boundary-value problems", "dem": "DEM", "specimen": "DEM with boundaries"}
 ORDER = ("field", "point", "dem", "specimen")
 

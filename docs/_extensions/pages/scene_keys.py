@@ -129,7 +129,9 @@ def pages() -> dict[str, str]:
     """One page a kind of scene, and one of what the law has in each."""
     result = {}
     for kind, (title, text) in KINDS.items():
-        see = "" if kind in ("dem", "specimen") else "`[material]`, `[closure]`, `[effects]` and `[integration]`: {doc}`scene_law`."
+        see = "" if kind in ("dem", "specimen") else (
+            "`[material]`, `[closure]`, `[effects]` and `[integration]`: {doc}`scene_law`."
+        )
         result[f"generated/reference/scene_{kind}"] = page(f"# {title}", text, see, *_tables_of(kind, shared=False))
     result["generated/reference/scene_law"] = page(
         "# Material, closure, effects and integration",
