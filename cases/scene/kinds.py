@@ -68,6 +68,6 @@ def require_kind(table: dict[str, Any], file: Path) -> None:
             f"{missing}; this looks like a material file, which a scene names by material_file = {file.name!r}"
         )
     raise InputError(
-        f"{missing}; it need not be given with [mesh] and [[stage]] (field), [[path]] (point), [packing] (dem) or [specimen] "
-        "(specimen), but none of these is there"
+        f"{missing}; it need not be given with [mesh] and [[stage]] (field), [[path]] (point), [packing] (dem) or "
+        "[specimen] (specimen), but none of these is there"
     )

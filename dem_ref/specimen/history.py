@@ -73,7 +73,8 @@ def row(specimen: Specimen) -> list[float]:
     ratio = (axial - specimen.pressure) / (axial + specimen.pressure)
     strain, wider = specimen.axial_strain, lateral_strain(specimen, contacts)
     return [
-        strain, strain - wider, specimen.height, width, forces[1, 0], forces[0, 0], forces[1, 1], forces[0, 1], axial, ratio, coordination_number(specimen.sample, contacts).all_particles,
+        strain, strain - wider, specimen.height, width, forces[1, 0], forces[0, 0], forces[1, 1], forces[0, 1], axial,
+        ratio, coordination_number(specimen.sample, contacts).all_particles,
         component_along(fabric_anisotropy(contacts), UPWARDS), sliding_fraction(specimen.sample, contacts),
         specimen.unbalanced_force, elastic, kinetic, tally[PLATEN_WORK], tally[GIVEN_WORK], tally[FOLLOWING_WORK],
         tally[FRICTION_HEAT], tally[DRAG_HEAT], balance, float(specimen.steps_done),

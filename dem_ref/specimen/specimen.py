@@ -6,8 +6,8 @@ results only where it is called stress; forces of platens are compression positi
 
 A disk that the membrane touches is always dragged, as if it had three contacts: it cannot fly away from the sheet that
 presses it, and one that has lost its neighbours is brought back by the pressure. Under gravity all disks are dragged:
-loose ones would else bounce on what they have fallen on. Disks with fewer than two contacts do not count in the unbalanced
-force. What does not come to rest within its steps is told, with the reason, instead of being waited for.
+loose ones would else bounce on what they have fallen on. Disks with fewer than two contacts do not count in the
+unbalanced force. What does not come to rest within its steps is told, with the reason, instead of being waited for.
 """
 
 from __future__ import annotations
@@ -406,12 +406,13 @@ class Specimen:
         """Columns of the records; see `COLUMNS`.
 
         Strains are compression positive and count from the consolidated specimen; the lateral part of the volumetric
-        one is that of the line that fits the displacements of disks with three contacts or more best; `width` is area
-        over height, forces N per metre of thickness, compression positive, shear along x; `axial_stress` is the mean force of both platens over the width [Pa, compression
-        positive], `stress_ratio` (axial - lateral)/(axial + lateral); `fabric_anisotropy` positive where contacts
-        point along y; energies in J per metre since the consolidation: `given_work` of membranes and weight,
-        `following_work` what resultant forces on disks gain on the homogeneous part of the motion, which has no
-        inertia; `energy_error` is the work that was neither stored nor turned into heat.
+        one is that of the line that fits the displacements of disks with three contacts or more best. `width` is area
+        over height, forces N per metre of thickness, compression positive, shear along x; `axial_stress` is the mean
+        force of both platens over the width [Pa, compression positive], `stress_ratio` (axial - lateral)/(axial +
+        lateral); `fabric_anisotropy` is positive where contacts point along y. Energies in J per metre since the
+        consolidation: `given_work` of membranes and weight, `following_work` what resultant forces on disks gain on
+        the homogeneous part of the motion, which has no inertia; `energy_error` is the work that was neither stored
+        nor turned into heat.
         """
         table = np.array(self.rows)
         return {name: table[:, k].copy() for k, name in enumerate(COLUMNS)}
