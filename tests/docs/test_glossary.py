@@ -13,7 +13,7 @@ from pages import glossary
 from pages.sources import things
 
 
-@pytest.mark.parametrize("kind", ["point", "field", "dem"])
+@pytest.mark.parametrize("kind", ["point", "field", "dem", "specimen"])
 def test_every_column_of_a_history_is_in_the_glossary(kind: str) -> None:
     missing = set(glossary.columns()[kind]) - glossary.file_names()
     assert not missing, f"add {sorted(missing)} to docs/_extensions/pages/glossary.toml"

@@ -17,6 +17,7 @@ from .project import (
     PORE,
     PORE_COLUMNS,
     SLIDING_COLUMNS,
+    SPECIMEN_COLUMNS,
     Effects,
     Material,
     Variable,
@@ -48,6 +49,7 @@ def columns() -> dict[str, tuple[str, ...]]:
         "point": (*POINT_COLUMNS, *SLIDING_COLUMNS, *PORE_COLUMNS),
         "field": (*LEADING, *MEANS, *PORE, *COUNTS),
         "dem": DEM_COLUMNS,
+        "specimen": (*SPECIMEN_COLUMNS, "leg"),
     }
 
 

@@ -22,6 +22,7 @@ from granfabric.constitutive.plain_laws.linear_elastic import ElasticMaterial, L
 from granfabric.constitutive.plain_laws.von_mises import VonMisesLaw, VonMisesMaterial
 from granfabric.constitutive.state import state_variables
 from granfabric.dem_ref.loading.run import HISTORY_COLUMNS as DEM_COLUMNS
+from granfabric.dem_ref.specimen.history import COLUMNS as SPECIMEN_COLUMNS
 
 __all__ = [
     "CLOSURE_NUMBERS",
@@ -38,6 +39,7 @@ __all__ = [
     "PORE",
     "PORE_COLUMNS",
     "SLIDING_COLUMNS",
+    "SPECIMEN_COLUMNS",
     "VERIFY_COLUMNS",
     "Closure",
     "Effects",
