@@ -15,6 +15,10 @@ from contextlib import contextmanager
 import numba
 from numba.core.compiler_lock import global_compiler_lock
 
+TWO_PAY = 4000
+"""Disks from which on two threads are taken where nothing is said; on a quiet machine they pay from 1,000 on, on one
+that is busy the waiting for each other grows (`tests/benchmarks/dem_threads.py`)."""
+
 _in_use = threading.Lock()
 _inherited = False
 
@@ -37,6 +41,11 @@ if hasattr(os, "register_at_fork"):
         after_in_parent=global_compiler_lock.release,
         after_in_child=global_compiler_lock.release,
     )
+
+
+def threads_for(count: int) -> int:
+    """Threads for a packing of `count` disks where nothing is said: 2 where they pay and may be used, else 1."""
+    return 2 if count >= TWO_PAY and numba.get_num_threads() >= 2 else 1
 
 
 @contextmanager
