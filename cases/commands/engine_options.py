@@ -38,8 +38,8 @@ DemThreadsOption = Annotated[
         "--threads",
         metavar="N",
         callback=_limit,
-        help="Cores that one packing may use, two at most; if not given, large packings take them. With --seeds those of "
-        "each worker, 1 if not given. Results do not depend on it.",
+        help="Cores that one packing may use, two at most; if not given, large packings take them. With --seeds those "
+        "of each worker, 1 if not given. Results do not depend on it.",
     ),
 ]
 WorkersOption = Annotated[
