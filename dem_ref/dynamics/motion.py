@@ -29,6 +29,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import sqrt
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,7 @@ from numpy.typing import NDArray
 from granfabric.dem_ref.arrays import changed_in_place, finite, is_within, whole
 from granfabric.dem_ref.sample.disks import Sample, SampleError
 from granfabric.dem_ref.sample.neighbours import NearPairs, find_near_pairs, most_neighbours
-from granfabric.dem_ref.threads import threads_for, two_threads
+from granfabric.dem_ref.threads import Faster, two_threads
 
 from .stepping import (
     DRAG_HEAT,
@@ -102,7 +103,7 @@ class Motion:
     refresh : float
         Largest relative displacement of a pair, in mean diameters, before directions are computed anew.
     threads : int, optional
-        1 or 2; the result is the same to the last bit. As many as pay if not given (`threads_for`); several samples at
+        1 or 2; the result is the same to the last bit. Whichever is faster if not given (`Faster`); several samples at
         once are better run in one Python thread each (compiled code holds no lock).
     """
 
@@ -134,7 +135,8 @@ class Motion:
         self.sample = sample
         self.step = step * sqrt(6.0 / most_neighbours(sample.radius))
         self.damping = float(damping)
-        self.threads = threads_for(sample.count) if threads is None else threads
+        self.threads = threads
+        self._faster = Faster(sample.count)
         self.steps_done = 0
         self.tally = np.zeros(3)
         self.stress = np.zeros(3)
@@ -195,8 +197,10 @@ class Motion:
         control = control or Control()
         control.bring_into_form()
         self._bring_into_form()
-        with two_threads(self.threads == 2) as both:
+        with two_threads((self.threads or self._faster.choose()) == 2) as both:
+            start = perf_counter()
             done = self._take(steps, control, advance_two_threads if both else advance)
+            self._faster.tell(2 if both else 1, done, perf_counter() - start)
         if not np.isfinite(self.stress).all():
             raise UnstableMotionError(f"the motion lost its stability after {self.steps_done} steps: reduce the step")
         return done

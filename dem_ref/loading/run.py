@@ -106,7 +106,7 @@ class DemRun:
         At rest; copied.
     options : RunOptions
     threads : int, optional
-        1 or 2; does not change the result. As many as pay if not given.
+        1 or 2; does not change the result. Whichever is faster if not given.
     initial_pressure : float
         Pa; that of the sample if not given. A run that is gone on with may have lost it.
 

@@ -19,7 +19,7 @@ from granfabric.dem_ref.measures import contacts as contacts_module
 from granfabric.dem_ref.measures import events as events_module
 from granfabric.dem_ref.measures.contacts import contacts_of, fabric_anisotropy, force_harmonics, love_weber_stress
 from granfabric.dem_ref.sample.disks import Sample, SampleError
-from granfabric.dem_ref.threads import TWO_PAY, threads_for
+from granfabric.dem_ref.threads import TRIED_AGAIN, TWO_PAY, Faster
 
 PURE_SHEAR = Control(drive=np.array([2.0e-9, -2.0e-9, 0.5e-9]))
 
@@ -62,12 +62,19 @@ def test_one_and_two_threads_agree_to_the_last_bit(packing):
     assert np.array_equal(a.stress, b.stress) and np.array_equal(a.tally, b.tally)
 
 
-def test_two_threads_are_taken_where_they_pay_and_may_be_used(monkeypatch, packing):
+def test_threads_are_as_many_as_have_been_faster_lately(monkeypatch):
     monkeypatch.setattr(numba, "get_num_threads", lambda: 2)
-    assert threads_for(TWO_PAY) == 2 and threads_for(TWO_PAY - 1) == 1
-    assert Motion(packing.copy()).threads == 1
+    assert Faster(TWO_PAY - 1).choose() == 1
+    faster, seconds, taken = Faster(TWO_PAY), {1: 2.0, 2: 1.0}, []
+    for call in range(3 * TRIED_AGAIN):
+        if call == 2 * TRIED_AGAIN:  # somebody else takes a core
+            seconds[2] = 5.0
+        taken.append(faster.choose())
+        faster.tell(taken[-1], 40, seconds[taken[-1]])
+    assert taken[:2] == [2, 1] and taken[2 : 2 * TRIED_AGAIN].count(1) == 2 - 1
+    assert taken[2 * TRIED_AGAIN + 3 :].count(2) <= 2
     monkeypatch.setattr(numba, "get_num_threads", lambda: 1)
-    assert threads_for(TWO_PAY) == 1
+    assert faster.choose() == 1
 
 
 @pytest.mark.parametrize("module", [motion_module, contacts_module, events_module])
