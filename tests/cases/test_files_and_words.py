@@ -410,7 +410,7 @@ def test_title_and_kind_need_not_be_given(tmp_path: Path, text: str, kind: str) 
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
-        ("", ["'kind' is missing (legal: point, field, dem)", "[mesh]", "[[path]]", "[packing]"]),
+        ("", ["'kind' is missing (legal: point, field, dem, specimen)", "[mesh]", "[[path]]", "[packing]"]),
         ("[initial]\nstress = [-1.0, -1.0, 0.0]\n", ["'kind' is missing", "none of these is there"]),
         (FIELD + "[packing]\n", ["[mesh] belongs to 'field' and [packing] belongs to 'dem'"]),
         (FIELD + "[[path]]\ncontrol = []\n", ["[mesh] belongs to 'field'", "[[path]] with control belongs to 'point'"]),

@@ -215,7 +215,7 @@ def test_any_assignment_is_parsed_or_refused_in_one_sentence(text: str) -> None:
         (b"title = \xff", "not a text in UTF-8"),
         (b"a = " + b"[" * 100_000, "own.toml"),
         (b"a = " + b"9" * 10_000, "not valid TOML"),
-        (b"title = 'a'", "'kind' is missing (legal: point, field, dem)"),
+        (b"title = 'a'", "'kind' is missing (legal: point, field, dem, specimen)"),
         (b"kind = ['point']", "unknown"),
         (b"kind = 'point'\nkind = 'point'", "not valid TOML"),
     ],
