@@ -4,10 +4,11 @@ Platens are rigid planes across y, rough (a friction of their own, or none); mem
 Gravity acts on the disks if it is asked for. A platen is moved, or carries a force. Stress is tension positive in
 results only where it is called stress; forces of platens are compression positive, N per metre of thickness.
 
-A disk that the membrane touches is always dragged, as if it had three contacts: it cannot fly away from the sheet that
-presses it, and one that has lost its neighbours is brought back by the pressure. Under gravity all disks are dragged:
-loose ones would else bounce on what they have fallen on. Disks with fewer than two contacts do not count in the
-unbalanced force. What does not come to rest within its steps is told, with the reason, instead of being waited for.
+Disks with two contacts, one of them perhaps with a platen, are dragged, not only those with three as in a periodic
+packing: beside a platen some hang between two others, and would swing for ever. A disk that the membrane touches is
+dragged always: it cannot fly away from the sheet that presses it, and one that has lost its neighbours is brought back
+by the pressure. Under gravity all disks are: loose ones would else bounce on what they have fallen on. Disks with
+fewer than two contacts do not count in the unbalanced force. What does not come to rest within its steps is told, with the reason, instead of being waited for.
 """
 
 from __future__ import annotations
