@@ -19,24 +19,23 @@ from granfabric.dem_ref.dynamics.stepping import _FAST, CARRYING, _contact_force
 # indices of the tally: energies since the start
 FRICTION_HEAT, DRAG_HEAT, PLATEN_WORK, GIVEN_WORK, FOLLOWING_WORK = range(5)
 FEWEST = 2
-"""Contacts, with those on platens, of a disk that is dragged and whose resultant counts: others roll about or fly and
-carry nothing, while one between two others, as there are beside a platen, would swing for ever undragged."""
+"""Contacts, with those on platens, of a disk whose resultant counts: others lie about and carry nothing."""
 # indices of the measures of the last step
 UNBALANCED, NORMAL_FORCE, CONTACTS, TRAVEL = range(4)
 
 
 @compiled(fastmath=_FAST)
 def bounded_steps(
-    steps, room, longest, count, first, second, branch, velocity, force, none, position, radius, given, held,
+    steps, room, longest, count, first, second, branch, velocity, force, none, position, radius, given,
     wall_disk, wall_side, elongation, wall, wall_velocity, wall_target, wall_gain, fastest_wall, widening, wall_force,
     kn, kt, friction, wall_friction, step, damping, tally, out, taken,
 ):  # fmt: skip
     """Step until `steps` are done or a pair may have moved by `room`; `taken` receives the steps done.
 
-    `given` forces act on the disks; those with `FEWEST` contacts are dragged, those that are `held` (0 or 1) whatever
-    they touch. A platen with a positive `wall_gain` moves by its gain times the excess of its force over
-    `wall_target`, outwards, the others with their `wall_velocity`; `widening` is the homogeneous strain along x per
-    step. `wall_force` rows: mean over the steps of the force of the disks on a platen, outwards and along x.
+    `given` forces act on the disks, which are dragged whatever they touch. A platen with a positive `wall_gain` moves
+    by its gain times the excess of its force over `wall_target`, outwards, the others with their `wall_velocity`;
+    `widening` is the homogeneous strain along x per step. `wall_force` rows: mean over the steps of the force of the
+    disks on a platen, outwards and along x.
     """
     n = position.shape[0]
     rate = np.zeros(3)
@@ -100,8 +99,7 @@ def bounded_steps(
             if force[i, 3] >= FEWEST:
                 resultant += force[i, 0] * force[i, 0] + force[i, 1] * force[i, 1]
                 judged += 1
-                force[i, 3] += CARRYING
-            force[i, 3] += CARRYING * held[i]
+            force[i, 3] += CARRYING
             following -= force[i, 0] * rate[0] * position[i, 0] + force[i, 1] * rate[1] * position[i, 1]
         _move(velocity, force, none, position, rate, damping, impulse, squares)
         for i in range(n):

@@ -4,11 +4,11 @@ Platens are rigid planes across y, rough (a friction of their own, or none); mem
 Gravity acts on the disks if it is asked for. A platen is moved, or carries a force. Stress is tension positive in
 results only where it is called stress; forces of platens are compression positive, N per metre of thickness.
 
-Disks with two contacts, one of them perhaps with a platen, are dragged, not only those with three as in a periodic
-packing: beside a platen some hang between two others, and would swing for ever. A disk that the membrane touches is
-dragged always: it cannot fly away from the sheet that presses it, and one that has lost its neighbours is brought back
-by the pressure. Under gravity all disks are: loose ones would else bounce on what they have fallen on. Disks with
-fewer than two contacts do not count in the unbalanced force. What does not come to rest within its steps is told, with the reason, instead of being waited for.
+All disks are dragged, not only those with three contacts as in a periodic packing: one that has lost its neighbours
+would else be thrown to and fro by the membrane that presses it back, one that has fallen would bounce on the platen,
+and one that hangs between two others would swing, all for ever. Disks with fewer than two contacts, with those on
+platens, do not count in the unbalanced force. What does not come to rest within its steps is told, with the reason,
+instead of being waited for.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ RESPONSE = 200.0
 """Steps in which a platen that carries a force corrects an error of it."""
 LOOSE_REST = 1e-2
 """Unbalanced force that counts as rest while friction is not yet that of the disks."""
+COMING_TOGETHER = 50_000
+"""Steps of the consolidation without friction, at most: some specimens creep then."""
 ON_TARGET = 2e-3
 """Error of the force of a platen, over the force."""
 CALM = 5
@@ -133,7 +135,7 @@ class Specimen:
         self.velocity, self._force, self._none = np.zeros((n, 4)), np.zeros((n, 4)), np.zeros((n, 4))
         self._weight = np.zeros((n, 2))
         self._weight[:, 1] = -self.options.unit_weight * np.pi * sample.radius**2
-        self._given, self._held = self._weight.copy(), np.zeros(n)
+        self._given = self._weight.copy()
         self._widening = 0.0
         self._platen_velocity, self._target, self._gain = np.zeros(2), np.zeros(2), np.zeros(2)
         self._fastest = 0.0
@@ -190,8 +192,6 @@ class Specimen:
         self.right = outer_chain(position * [-1.0, 1.0], right, lower, upper, ball)
         self._given = self._weight.copy()
         both_sides(position, self.left, self.right, lower, upper, self.pressure, self._given)
-        self._held[:] = 1.0 if self.options.unit_weight > 0.0 else 0.0
-        self._held[self.left] = self._held[self.right] = 1.0
 
     def _find_neighbours(self) -> None:
         sample = self.sample
@@ -254,7 +254,7 @@ class Specimen:
             )  # fmt: skip
             bounded_steps(
                 steps - done, self._refresh, self._longest, count, first, second, branch, self.velocity,
-                self._force, self._none, sample.position, sample.radius, self._given, self._held, *self._wall,
+                self._force, self._none, sample.position, sample.radius, self._given, *self._wall,
                 self.platens, self._platen_velocity, self._target, self._gain, self._fastest, self._widening,
                 self.reactions, kn, kn * sample.stiffness_ratio, *self._friction, self.step, DAMPING,
                 self.tally, self.measures, self._taken,
@@ -278,13 +278,14 @@ class Specimen:
             return "the membranes have pressed the specimen together"
         return ""
 
-    def hold(self, force: float, steps: int | None = None, rest: float | None = None) -> bool:
+    def hold(self, force: float | None, steps: int | None = None, rest: float | None = None) -> bool:
         """Let the upper platen carry a force until everything is at rest.
 
         Parameters
         ----------
-        force : float
-            N per metre of thickness, compression positive.
+        force : float or None
+            N per metre of thickness, compression positive. None for the pressure of the membranes on the platen from
+            the end of one to that of the other, wherever these move: what a fluid would exert.
         steps : int, optional
             After which it is given up; as the options say if not given.
         rest : float, optional
@@ -295,17 +296,29 @@ class Specimen:
         bool
             Whether it came to rest; `ending` tells why not.
         """
-        force = number("force", force, 0.0, 1e300)
+        given = self._from_end_to_end() if force is None else number("force", force, 0.0, 1e300)
         width = self.area / self.height
         stiffness = self.sample.normal_stiffness * width / self.height
         self._stop()
-        self._target[1] = force
+        self._target[1] = given
         self._gain[:] = 0.0, 1.0 / (stiffness * RESPONSE)
         self._fastest = 1e-3 * self.step * sqrt(self.pressure / self.sample.normal_stiffness) * self.height
-        scale = ON_TARGET * max(force, 1e-3 * self.pressure * width)
-        come = self._settle(steps, rest, lambda loose: abs(self.reactions[1, 0] - force) < scale * loose)
+        scale = ON_TARGET * max(given, 1e-3 * self.pressure * width)
+
+        def reached(loose: float) -> bool:
+            off = abs(self.reactions[1, 0] - self._target[1])
+            if force is None:
+                self._target[1] = self._from_end_to_end()
+            return bool(off < scale * loose)
+
+        come = self._settle(steps, rest, reached)
         self._stop()
         return come
+
+    def _from_end_to_end(self) -> float:
+        """Pressure on the upper platen between the membranes."""
+        x = self.sample.position[:, 0]
+        return self.pressure * max(float(x[self.right[-1]] - x[self.left[-1]]), 0.0)
 
     def rest(self, steps: int | None = None, rest: float | None = None) -> bool:
         """Wait between platens that stand still until everything is at rest; as `hold`."""
@@ -344,15 +357,13 @@ class Specimen:
         """
         options = self.options
         self._friction = options.consolidation_friction, min(options.consolidation_friction, options.platen_friction)
-        for _ in range(2):
-            if not self.hold(self.pressure * self.area / self.height, rest=max(LOOSE_REST, options.at_rest)):
-                if options.unit_weight > 0.0 and self._friction[0] < self.sample.friction:
-                    self.ending += "; with a larger consolidation_friction it carries more of its weight"
-                return False
+        end = self.steps_done + min(COMING_TOGETHER, options.longest_rest)
+        # one that does not come to rest without friction does so with it; what has fallen apart does not
+        if not self.hold(None, end - self.steps_done, max(LOOSE_REST, options.at_rest)) and self.steps_done < end:
+            return False
         self._friction = self.sample.friction, float(options.platen_friction)
-        for _ in range(3):  # the width, and the force with it, follows the membranes
-            if not self.hold(self.pressure * self.area / self.height):
-                return False
+        if not self.hold(None):
+            return False
         self.tally[:] = 0.0
         energy = sum(history.energies(self)[:2])
         self.start = Consolidated(self.height, self.area / self.height, energy, self.sample.position.copy())

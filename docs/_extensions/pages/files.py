@@ -61,8 +61,8 @@ def pages() -> dict[str, str]:
             "One row a record. Gained, lost and persisting parts are added up over the records.",
             _columns(columns["dem"]),
             "## history.csv of a specimen of disks",
-            "One row a record, the first after the consolidation. `fabric_anisotropy` is the component along the axis of "
-            "the compression.",
+            "One row a record, the first after the consolidation. `fabric_anisotropy` is the component along the axis "
+            "of the compression.",
             _columns(columns["specimen"]),
             "## Arrays of `result_*.vtu` and `points_*.vtu`",
             "`displacement`, `stress` and `strain`, and every state variable that the law carries ({doc}`state`): at "
