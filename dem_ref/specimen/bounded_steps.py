@@ -26,16 +26,16 @@ UNBALANCED, NORMAL_FORCE, CONTACTS, TRAVEL = range(4)
 
 @compiled(fastmath=_FAST)
 def bounded_steps(
-    steps, room, longest, count, first, second, branch, velocity, force, none, position, radius, given,
+    steps, room, longest, count, first, second, branch, velocity, force, none, position, radius, given, held,
     wall_disk, wall_side, elongation, wall, wall_velocity, wall_target, wall_gain, fastest_wall, widening, wall_force,
     kn, kt, friction, wall_friction, step, damping, tally, out, taken,
 ):  # fmt: skip
     """Step until `steps` are done or a pair may have moved by `room`; `taken` receives the steps done.
 
-    `given` forces act on the disks, which are dragged whatever they touch. A platen with a positive `wall_gain` moves
-    by its gain times the excess of its force over `wall_target`, outwards, the others with their `wall_velocity`;
-    `widening` is the homogeneous strain along x per step. `wall_force` rows: mean over the steps of the force of the
-    disks on a platen, outwards and along x.
+    `given` forces act on the disks; those that are `held` (0 or 1) are dragged whatever they touch. A platen with a
+    positive `wall_gain` moves by its gain times the excess of its force over `wall_target`, outwards, the others with
+    their `wall_velocity`; `widening` is the homogeneous strain along x per step. `wall_force` rows: mean over the steps
+    of the force of the disks on a platen, outwards and along x.
     """
     n = position.shape[0]
     rate = np.zeros(3)
@@ -99,7 +99,7 @@ def bounded_steps(
             if force[i, 3] >= FEWEST:
                 resultant += force[i, 0] * force[i, 0] + force[i, 1] * force[i, 1]
                 judged += 1
-            force[i, 3] += CARRYING
+            force[i, 3] += CARRYING * held[i]
             following -= force[i, 0] * rate[0] * position[i, 0] + force[i, 1] * rate[1] * position[i, 1]
         _move(velocity, force, none, position, rate, damping, impulse, squares)
         for i in range(n):

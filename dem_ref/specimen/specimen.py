@@ -4,10 +4,12 @@ Platens are rigid planes across y, rough (a friction of their own, or none); mem
 Gravity acts on the disks if it is asked for. A platen is moved, or carries a force. Stress is tension positive in
 results only where it is called stress; forces of platens are compression positive, N per metre of thickness.
 
-All disks are dragged, not only those with three contacts as in a periodic packing: one that has lost its neighbours
-would else be thrown to and fro by the membrane that presses it back, one that has fallen would bounce on the platen,
-and one that hangs between two others would swing, all for ever. Disks with fewer than two contacts, with those on
-platens, do not count in the unbalanced force. What does not come to rest within its steps is told, with the reason,
+While a specimen comes together all disks are dragged, not only those with three contacts as in a periodic packing: one
+that has lost its neighbours would else be thrown to and fro by the membrane that presses it back, and one that hangs
+between two others would swing, both for ever. Later those on the membranes are, and under gravity still all, since what
+has fallen would bounce on the platen. (Loose disks that are always dragged come to lie at their neighbours: they add
+contacts without force, half as many as loading takes away.) Disks with fewer than two contacts, with those on platens,
+do not count in the unbalanced force. What does not come to rest within its steps is told, with the reason,
 instead of being waited for.
 """
 
@@ -135,7 +137,7 @@ class Specimen:
         self.velocity, self._force, self._none = np.zeros((n, 4)), np.zeros((n, 4)), np.zeros((n, 4))
         self._weight = np.zeros((n, 2))
         self._weight[:, 1] = -self.options.unit_weight * np.pi * sample.radius**2
-        self._given = self._weight.copy()
+        self._given, self._held = self._weight.copy(), np.zeros(n)
         self._widening = 0.0
         self._platen_velocity, self._target, self._gain = np.zeros(2), np.zeros(2), np.zeros(2)
         self._fastest = 0.0
@@ -192,6 +194,9 @@ class Specimen:
         self.right = outer_chain(position * [-1.0, 1.0], right, lower, upper, ball)
         self._given = self._weight.copy()
         both_sides(position, self.left, self.right, lower, upper, self.pressure, self._given)
+        # while it comes together, and where disks fall, all of them
+        self._held[:] = 1.0 if self.start is None or self.options.unit_weight > 0.0 else 0.0
+        self._held[self.left] = self._held[self.right] = 1.0
 
     def _find_neighbours(self) -> None:
         sample = self.sample
@@ -254,7 +259,7 @@ class Specimen:
             )  # fmt: skip
             bounded_steps(
                 steps - done, self._refresh, self._longest, count, first, second, branch, self.velocity,
-                self._force, self._none, sample.position, sample.radius, self._given, *self._wall,
+                self._force, self._none, sample.position, sample.radius, self._given, self._held, *self._wall,
                 self.platens, self._platen_velocity, self._target, self._gain, self._fastest, self._widening,
                 self.reactions, kn, kn * sample.stiffness_ratio, *self._friction, self.step, DAMPING,
                 self.tally, self.measures, self._taken,
