@@ -44,7 +44,7 @@ RESPONSE = 200.0
 """Steps in which a platen that carries a force corrects an error of it."""
 LOOSE_REST = 1e-2
 """Unbalanced force that counts as rest while friction is not yet that of the disks."""
-COMING_TOGETHER = 50_000
+COMING_TOGETHER = 150_000
 """Steps of the consolidation without friction, at most: some specimens creep then."""
 ON_TARGET = 2e-3
 """Error of the force of a platen, over the force."""
