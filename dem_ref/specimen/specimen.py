@@ -8,8 +8,8 @@ While a specimen comes together all disks are dragged, not only those with three
 that has lost its neighbours would else be thrown to and fro by the membrane that presses it back, and one that hangs
 between two others would swing, both for ever. Later those on the membranes are, and under gravity still all, since what
 has fallen would bounce on the platen. (Loose disks that are always dragged come to lie at their neighbours: they add
-contacts without force, a quarter as many as loading takes away.) Disks with fewer than two contacts, with those on platens,
-do not count in the unbalanced force. What does not come to rest within its steps is told, with the reason,
+contacts without force, a quarter as many as loading takes away.) Disks with fewer than two contacts, with those on
+platens, do not count in the unbalanced force. What does not come to rest within its steps is told, with the reason,
 instead of being waited for.
 """
 
