@@ -82,8 +82,6 @@ def check(team: Team | None, loaded: Any, problem: Any) -> None:
     if is_grains(loaded.scene):
         raise loaded.error(["law", "kind"], "law.kind = 'grains' runs on the own host only; leave out --host")
     from granfabric.fem.fenicsx.distribution import DistributionError, check_space
-    from granfabric.fem.fenicsx.local_problem import refuse_unknown_loads
-    from granfabric.fem.loads.checks import LoadError
 
     solver = loaded.scene.solver.linear_solver
     if solver != "auto":
@@ -92,21 +90,10 @@ def check(team: Team | None, loaded: Any, problem: Any) -> None:
             f"solver.linear_solver = {solver!r}: the host 'fenicsx' uses the direct solver of its PETSc; leave it at "
             "'auto', or run with --host own",
         )
-    if problem.changes_body:
-        place = next(k for k, stage in enumerate(problem.stages) if stage.activate or stage.deactivate)
-        raise loaded.error(
-            ["stage", place],
-            f"{loaded.label(['stage', place])}: the host 'fenicsx' keeps the body as it is; run stages that change it "
-            "with --host own",
-        )
     try:
         check_space(problem.space)
     except DistributionError as error:
         raise loaded.error(["mesh"], f"mesh: {error}; run with --host own") from error
-    try:
-        refuse_unknown_loads(problem)
-    except LoadError as error:
-        raise loaded.error(["stage"], f"{error}; run with --host own") from error
 
 
 def as_data(team: Team | None) -> dict[str, Any]:

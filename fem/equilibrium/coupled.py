@@ -24,7 +24,6 @@ from .stage_start import (
     carried_by_ties,
     counted_anew,
     external_force,
-    led_direction,
     stage_start,
     target_displacement,
 )
@@ -151,7 +150,7 @@ class CoupledRun(Run):
                 outcome = newton_step(system, prescribed, external, guess, carried)
             else:
                 assert following is not None
-                direction, at_start = led_direction(terms, start.displacement)
+                direction, at_start = terms.lead(start.displacement)
                 amount = (terms.led.target - at_start) * (end - fraction)
                 lead = Lead(direction, amount, following, load_factor)
                 outcome = led_step(system, prescribed, external, lead, carried)

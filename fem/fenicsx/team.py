@@ -18,9 +18,10 @@ from granfabric.fem.equilibrium.results import RunSummary, StepResult
 from granfabric.fem.loads.problem import Problem
 
 from .distribution import Distribution, DistributionError
+from .dividing import divide
 from .engine import world
-from .local_problem import divide, refuse_unknown_loads
-from .run import CallbackError, DistributedCoupledRun, DistributedUncoupledRun, divide_checkpoint
+from .restoring import divide_checkpoint
+from .run import CallbackError, DistributedCoupledRun, DistributedUncoupledRun
 
 logger = logging.getLogger(__name__)
 
@@ -111,10 +112,7 @@ class Team:
         ------
         DistributionError
             If the two hosts do not agree on elements or integration points.
-        LoadError
-            If the problem has rigid bodies, springs or controls, or a stage changes the body.
         """
-        refuse_unknown_loads(problem)
         self._call(_SOLVE)
         self._together = True
         try:

@@ -1,0 +1,128 @@
+"""Going on from a checkpoint, of this host or of the own one, on any number of ranks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granfabric.fem.equilibrium.checkpoint import SolverMemory
+from granfabric.fem.equilibrium.control import ControlError
+from granfabric.fem.equilibrium.results import StageStart, StepResult
+from granfabric.fem.equilibrium.unknowns import unknowns_of as unknowns_of_all
+from granfabric.fem.linear_solvers.tangent import FactorMemory
+from granfabric.fem.loads.kinds import Stage
+from granfabric.fem.loads.problem import Problem
+
+from .dividing import of_nodes
+from .local_problem import LocalProblem
+from .system import unknowns_of
+
+Array = NDArray[np.float64]
+
+_NONE = np.empty(0)
+
+
+def divide_checkpoint(
+    problem: LocalProblem, whole: Problem | None, resume: StepResult | None, memory: SolverMemory | None
+) -> tuple[StepResult | None, SolverMemory | None]:
+    """This rank's part of the step to go on from, which rank 0 has.
+
+    Raises
+    ------
+    ControlError
+        On all ranks, if it does not belong to the problem.
+    """
+    space = problem.space
+    head: Any = None
+    if resume is not None:
+        start = resume.stage_start
+        plain = replace(resume, displacement=_NONE, stress=_NONE, strain=_NONE, state=_NONE,
+                        status=np.empty(0, dtype=np.int8),
+                        stage_start=StageStart(_NONE, _NONE, _NONE, load_factors=start.load_factors), reactions={},
+                        rigid={}, springs={}, active=None, support=None)  # fmt: skip
+        rest = None
+        if memory is not None:
+            rest = replace(memory, tangent=_NONE, last_correction=None, factor=FactorMemory())
+        correction = memory is not None and memory.last_correction is not None
+        started = len(start.spring_offsets), start.held is not None
+        head = (plain, rest, correction, started, len(resume.displacement), resume.state.shape)
+    head = space.comm.bcast(head, root=0)
+    if head is None:
+        return None, None
+    plain, rest, correction, started, ndofs, shape = head
+    width = problem.initial_state.shape[1]
+    names = [stage.name for stage in problem.stages]
+    if plain.stage not in names:
+        raise ControlError(f"the step to go on from belongs to stage {plain.stage!r}, not one of {names}")
+    if ndofs != 2 * space.nodes.total or tuple(shape) != (space.points.total, width):
+        raise ControlError(
+            f"the step to go on from has {ndofs} degrees of freedom and a state of shape {tuple(shape)}, this problem "
+            f"{2 * space.nodes.total} and {(space.points.total, width)}"
+        )
+    made = replace(
+        plain,
+        displacement=of_nodes(space, None if resume is None else resume.displacement),
+        stress=space.points.scatter(None if resume is None else resume.stress, (3,)),
+        strain=space.points.scatter(None if resume is None else resume.strain, (3,)),
+        state=space.points.scatter(None if resume is None else resume.state, (width,)),
+        stage_start=_start(problem, None if resume is None else resume.stage_start, plain.stage_start, *started),
+    )
+    if rest is None:
+        return made, None
+    index = _number(problem.stages, plain.stage)
+    last = None
+    if correction:
+        told = None if whole is None or memory is None else _of_all(whole, index, memory.last_correction)
+        last = unknowns_of(problem.program.terms[index], space.ndofs).of(of_nodes(space, told))
+    tangent = np.empty((0, 3, 3))
+    if not problem.law.description.linear_response:
+        told = None if whole is None or memory is None else _at_all(whole, index, memory.tangent)
+        tangent = space.points.scatter(told, (3, 3))
+    return made, replace(rest, tangent=tangent, last_correction=last)
+
+
+def _start(
+    problem: LocalProblem, whole: StageStart | None, plain: StageStart, springs: int, holds: bool
+) -> StageStart:
+    """This rank's part of the start of a stage."""
+
+    def part(vector: Array | None) -> Array:
+        return of_nodes(problem.space, vector)
+
+    vectors = (None,) * 3 if whole is None else (whole.displacement, whole.fading, whole.reference)
+    displacement, fading, reference = (part(vector) for vector in vectors)
+    offsets = [part(None if whole is None else whole.spring_offsets[row]) for row in range(springs)]
+    held = part(None if whole is None else whole.held) if holds else None
+    empty = np.empty((0, 0))
+    return StageStart(
+        displacement, fading, reference, np.array(offsets) if offsets else empty, plain.load_factors, held
+    )
+
+
+def _number(stages: Sequence[Stage], name: str) -> int:
+    return [stage.name for stage in stages].index(name)
+
+
+def _of_all(whole: Problem, index: int, of_unknowns: Array | None) -> Array:
+    """Displacements of all degrees of freedom by a change of the unknowns of a stage."""
+    unknowns = unknowns_of_all(whole.program.terms[index], whole.space.ndofs)
+    full = np.zeros(whole.space.ndofs)
+    if of_unknowns is None or of_unknowns.shape != (unknowns.count,):
+        return full  # a guess that is no use does no harm
+    return unknowns.expand(of_unknowns, full)
+
+
+def _at_all(whole: Problem, index: int, tangent: Array) -> Array:
+    """Tangents at all points of those at the points that are there."""
+    body = whole.program.terms[index].body
+    if body is None:
+        return tangent
+    full = np.zeros((whole.space.npoints, 3, 3))
+    there = body.active[whole.space.point_cell]
+    if tangent.shape[0] == np.count_nonzero(there):
+        full[there] = tangent
+    return full
