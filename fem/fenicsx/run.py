@@ -161,10 +161,11 @@ class _Collected(Run):
 
     def _whole_start(self, start: StageStart) -> StageStart:
         """What all ranks remember of the start of a stage, on rank 0."""
-        parts = (self._of_nodes(part) for part in (start.displacement, start.fading, start.reference))
+        displacement, fading, reference = map(self._of_nodes, (start.displacement, start.fading, start.reference))
         offsets = [self._of_nodes(row) for row in start.spring_offsets]
         held = None if start.held is None else self._of_nodes(start.held)
-        return StageStart(*parts, np.array(offsets) if offsets else np.empty((0, 0)), start.load_factors, held)
+        rows = np.array(offsets) if offsets else np.empty((0, 0))
+        return StageStart(displacement, fading, reference, rows, start.load_factors, held)
 
     def _memory(self, *arguments: Any) -> SolverMemory:
         own: SolverMemory = super()._memory(*arguments)  # type: ignore[misc]

@@ -168,6 +168,9 @@ def test_bad_input_ends_all_ranks(tmp_path: Path) -> None:
     )
     assert done.returncode == 2
     assert "uses the direct solver of its PETSc" in done.stderr
+    done = on_ranks(2, "granfabric", "run", "grains_biaxial", "--host", "fenicsx", "-o", folder)
+    assert done.returncode == 2
+    assert "law.kind = 'grains' runs on the own host only" in done.stderr
     assert not Path(folder).exists()
 
 
