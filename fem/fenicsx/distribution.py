@@ -117,6 +117,8 @@ class Distribution:
         On rank 0, of what this rank owns.
     first_dof : int
         dolfinx's number, over all ranks, of the first degree of freedom that this rank owns.
+    node_order, point_order : ndarray of int
+        For dolfinx's nodes and points of a cell the numbers of the own host's.
     ndofs, nelements, npoints, points_per_cell : int
         Owned by this rank.
     point_cell : ndarray of int, shape (npoints,)
@@ -140,7 +142,8 @@ class Distribution:
         order = shape.order if shape.curved else 1
         self.mesh = self._divide(space, node, order)
         self.displacements = dialect.vector_space(self.mesh, shape.order)
-        self._number(space, np.argsort(node), np.argsort(point))
+        self.node_order, self.point_order = np.argsort(node), np.argsort(point)
+        self._number(space, self.node_order, self.point_order)
 
     def _divide(self, space: Space | None, node: NDArray[np.int64], order: int) -> Any:
         # dolfinx's nodes of the geometry come first among those of the element

@@ -39,6 +39,14 @@ class Exchange:
             raise RuntimeError("the parts of the ranks do not make up the whole")
         self.bytes_moved = 0
 
+    def owners(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rank of each row, and its number there; called on rank 0."""
+        assert self._order is not None
+        rank, number = np.empty(self.total, dtype=np.int64), np.empty(self.total, dtype=np.int64)
+        rank[self._order] = np.repeat(np.arange(len(self._counts)), self._counts)
+        number[self._order] = np.concatenate([np.arange(count) for count in self._counts])
+        return rank, number
+
     def scatter(self, whole: Array | None, columns: tuple[int, ...] = ()) -> Array:
         """This rank's rows of an array that rank 0 has.
 

@@ -63,12 +63,15 @@ def divide_checkpoint(
             f"the step to go on from has {ndofs} degrees of freedom and a state of shape {tuple(shape)}, this problem "
             f"{2 * space.nodes.total} and {(space.points.total, width)}"
         )
+    body = problem.program.terms[_number(problem.stages, plain.stage)].body
     made = replace(
         plain,
         displacement=of_nodes(space, None if resume is None else resume.displacement),
         stress=space.points.scatter(None if resume is None else resume.stress, (3,)),
         strain=space.points.scatter(None if resume is None else resume.strain, (3,)),
         state=space.points.scatter(None if resume is None else resume.state, (width,)),
+        status=space.points.scatter(None if resume is None else resume.status.astype(np.float64)).astype(np.int8),
+        active=None if body is None else body.active,
         stage_start=_start(problem, None if resume is None else resume.stage_start, plain.stage_start, *started),
     )
     if rest is None:

@@ -25,6 +25,7 @@ from granfabric.fem.linear_solvers.tangent import FactorMemory
 from granfabric.fem.loads.problem import Problem
 
 from .material import ReducedReport
+from .pieces import PieceWriter
 from .system import DistributedEquilibrium
 
 Array = NDArray[np.float64]
@@ -91,6 +92,9 @@ class _Collected(Run):
         with self._accounting.phase("state"):
             made = result()
             remembered = memory() if self.checkpoints else None
+        if self.pieces is not None and self._own is not None:
+            with self._accounting.phase("output"):
+                self.pieces(self._own)
         error: BaseException | None = None
         with self._accounting.phase("output"):
             if self.whole is not None:
@@ -109,6 +113,8 @@ class _Collected(Run):
             raise CallbackError
 
     checkpoints: bool = False
+    pieces: PieceWriter | None = None
+    _own: StepResult | None = None
     _last_start: tuple[StageStart, StageStart] | None = None
 
     def _of_nodes(self, own: Array) -> Array:
@@ -123,7 +129,7 @@ class _Collected(Run):
 
     def _result(self, index: int, start: StageStart, *arguments: Any) -> StepResult:
         self._index = index
-        own = super()._result(index, start, *arguments)
+        own = self._own = super()._result(index, start, *arguments)
         # what a stage remembers stays the same over its steps
         if self._last_start is None or self._last_start[0] is not start:
             self._last_start = (start, self._whole_start(start))

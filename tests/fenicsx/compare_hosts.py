@@ -68,7 +68,7 @@ def main() -> None:
             kept: list[Checkpoint] = []
             solve(problem, control, ours.append)
             summary = team.solve(
-                problem, control, theirs.append, on_checkpoint=lambda checkpoint: kept.append(checkpoint.copied())
+                problem, control, theirs.append, on_checkpoint=lambda given, kept=kept: kept.append(given.copied())
             )
             assert summary.finished, (name, summary.message)
             found = differences(ours, theirs)

@@ -12,11 +12,11 @@ import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "fem"))
 
-from changing_meshes import column, plate_and_core  # noqa: E402
-from fem_meshes import ELASTIC, PLASTIC, distorted  # noqa: E402
+from changing_meshes import column, plate_and_core
+from fem_meshes import ELASTIC, PLASTIC, distorted
 
-from granfabric.fem.discretisation.space import Space  # noqa: E402
-from granfabric.fem.loads.kinds import (  # noqa: E402
+from granfabric.fem.discretisation.space import Space
+from granfabric.fem.loads.kinds import (
     BodyForce,
     Fixed,
     LoadControl,
@@ -26,9 +26,9 @@ from granfabric.fem.loads.kinds import (  # noqa: E402
     Stage,
     Traction,
 )
-from granfabric.fem.loads.problem import Problem  # noqa: E402
-from granfabric.fem.mesh.host_mesh import HostMesh, rectangle  # noqa: E402
-from granfabric.fem.mesh.shapes import quarter_ring  # noqa: E402
+from granfabric.fem.loads.problem import Problem
+from granfabric.fem.mesh.host_mesh import HostMesh, rectangle
+from granfabric.fem.mesh.shapes import quarter_ring
 
 LAWS = {"elastic": ELASTIC, "plastic": PLASTIC}
 HOLD = [Fixed("bottom"), Fixed("left", ("x",)), Fixed("right", ("x",))]
