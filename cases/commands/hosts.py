@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from granfabric.cases.errors import InputError
+from granfabric.cases.records.field_recorder import FieldRecorder
+from granfabric.cases.scene.schema import FieldOutput
 from granfabric.cases.scene.schema_law_kind import is_grains
+from granfabric.fem.equilibrium.results import RunSummary
+from granfabric.fem.equilibrium.stepping import solve
 
 if TYPE_CHECKING:
     from granfabric.fem.fenicsx.team import Team
@@ -94,6 +99,24 @@ def check(team: Team | None, loaded: Any, problem: Any) -> None:
         check_space(problem.space)
     except DistributionError as error:
         raise loaded.error(["mesh"], f"mesh: {error}; run with --host own") from error
+
+
+def in_pieces(team: Team | None) -> bool:
+    """Whether each rank writes the fields of its own cells."""
+    return team is not None and team.comm.size > 1
+
+
+def solving(team: Team | None, recorder: FieldRecorder, output: FieldOutput) -> Callable[..., RunSummary]:
+    """What runs all stages, with arguments of `granfabric.fem.equilibrium.stepping.solve`."""
+    if team is None:
+        return solve
+    if not in_pieces(team):
+        return team.solve
+    from granfabric.fem.fenicsx.pieces import PieceOutput
+
+    return partial(
+        team.solve, pieces=PieceOutput(recorder.series, output.every, output.compression, recorder.written)
+    )
 
 
 def as_data(team: Team | None) -> dict[str, Any]:

@@ -292,6 +292,10 @@ class FieldWriter(Grids):
     material_index : ndarray of int, shape (npt,), optional
     compression : {"none", "fast", "small"}
 
+    Attributes
+    ----------
+    series : SeriesFiles
+
     Raises
     ------
     OutputError
@@ -309,7 +313,7 @@ class FieldWriter(Grids):
     ) -> None:
         super().__init__(space, description, material_index, compression)
         self.folder = Path(folder)
-        self._series = SeriesFiles(folder, keep)
+        self.series = SeriesFiles(folder, keep)
 
     def write(self, result: StepResult, time: float, extra_fields: dict[str, Array] | None = None) -> None:
         """Write one step.
@@ -330,6 +334,6 @@ class FieldWriter(Grids):
         try:
             self.write_files(self.folder, names, result, extra_fields)
             for series, file in names.items():
-                self._series.add(series, time, file)
+                self.series.add(series, time, file)
         except OSError as error:
             raise OutputError(f"output folder {self.folder} cannot be written: {error.strerror or error}") from None
