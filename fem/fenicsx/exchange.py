@@ -70,17 +70,17 @@ class Exchange:
         self.bytes_moved += own.nbytes
         return own
 
-    def gather(self, own: Array) -> Array | None:
+    def gather(self, own: NDArray[Any]) -> NDArray[Any] | None:
         """All rows on rank 0, in its order; None on the others.
 
         Parameters
         ----------
-        own : ndarray, shape (own rows, ...)
+        own : ndarray of float or int8, shape (own rows, ...)
         """
-        own = np.ascontiguousarray(own, dtype=np.float64)
+        own = np.ascontiguousarray(own, dtype=np.int8 if own.dtype == np.int8 else np.float64)
         columns = own.shape[1:]
         width = int(np.prod(columns, dtype=np.int64))
-        received = np.empty((self.total, *columns)) if self._order is not None else None
+        received = np.empty((self.total, *columns), dtype=own.dtype) if self._order is not None else None
         self._comm.Gatherv(own, [received, self._widths(width)] if received is not None else None, root=0)
         self.bytes_moved += own.nbytes
         if received is None:

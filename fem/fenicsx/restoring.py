@@ -12,14 +12,11 @@ from numpy.typing import NDArray
 from granfabric.fem.equilibrium.checkpoint import SolverMemory
 from granfabric.fem.equilibrium.control import ControlError
 from granfabric.fem.equilibrium.results import StageStart, StepResult
-from granfabric.fem.equilibrium.unknowns import unknowns_of as unknowns_of_all
 from granfabric.fem.linear_solvers.tangent import FactorMemory
 from granfabric.fem.loads.kinds import Stage
-from granfabric.fem.loads.problem import Problem
 
 from .dividing import of_nodes
 from .local_problem import LocalProblem
-from .system import unknowns_of
 
 Array = NDArray[np.float64]
 
@@ -27,9 +24,9 @@ _NONE = np.empty(0)
 
 
 def divide_checkpoint(
-    problem: LocalProblem, whole: Problem | None, resume: StepResult | None, memory: SolverMemory | None
+    problem: LocalProblem, resume: StepResult | None, memory: SolverMemory | None
 ) -> tuple[StepResult | None, SolverMemory | None]:
-    """This rank's part of the step to go on from, which rank 0 has.
+    """This rank's part of the step to go on from, which rank 0 has. Tangents are asked anew of the law.
 
     Raises
     ------
@@ -47,13 +44,12 @@ def divide_checkpoint(
         rest = None
         if memory is not None:
             rest = replace(memory, tangent=_NONE, last_correction=None, factor=FactorMemory())
-        correction = memory is not None and memory.last_correction is not None
         started = len(start.spring_offsets), start.held is not None
-        head = (plain, rest, correction, started, len(resume.displacement), resume.state.shape)
+        head = (plain, rest, started, len(resume.displacement), resume.state.shape)
     head = space.comm.bcast(head, root=0)
     if head is None:
         return None, None
-    plain, rest, correction, started, ndofs, shape = head
+    plain, rest, started, ndofs, shape = head
     width = problem.initial_state.shape[1]
     names = [stage.name for stage in problem.stages]
     if plain.stage not in names:
@@ -76,16 +72,7 @@ def divide_checkpoint(
     )
     if rest is None:
         return made, None
-    index = _number(problem.stages, plain.stage)
-    last = None
-    if correction:
-        told = None if whole is None or memory is None else _of_all(whole, index, memory.last_correction)
-        last = unknowns_of(problem.program.terms[index], space.ndofs).of(of_nodes(space, told))
-    tangent = np.empty((0, 3, 3))
-    if not problem.law.description.linear_response:
-        told = None if whole is None or memory is None else _at_all(whole, index, memory.tangent)
-        tangent = space.points.scatter(told, (3, 3))
-    return made, replace(rest, tangent=tangent, last_correction=last)
+    return made, replace(rest, tangent=np.empty((0, 3, 3)), last_correction=None)
 
 
 def _start(
@@ -108,24 +95,3 @@ def _start(
 
 def _number(stages: Sequence[Stage], name: str) -> int:
     return [stage.name for stage in stages].index(name)
-
-
-def _of_all(whole: Problem, index: int, of_unknowns: Array | None) -> Array:
-    """Displacements of all degrees of freedom by a change of the unknowns of a stage."""
-    unknowns = unknowns_of_all(whole.program.terms[index], whole.space.ndofs)
-    full = np.zeros(whole.space.ndofs)
-    if of_unknowns is None or of_unknowns.shape != (unknowns.count,):
-        return full  # a guess that is no use does no harm
-    return unknowns.expand(of_unknowns, full)
-
-
-def _at_all(whole: Problem, index: int, tangent: Array) -> Array:
-    """Tangents at all points of those at the points that are there."""
-    body = whole.program.terms[index].body
-    if body is None:
-        return tangent
-    full = np.zeros((whole.space.npoints, 3, 3))
-    there = body.active[whole.space.point_cell]
-    if tangent.shape[0] == np.count_nonzero(there):
-        full[there] = tangent
-    return full

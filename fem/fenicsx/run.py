@@ -20,7 +20,6 @@ from granfabric.fem.equilibrium.results import FailedPoint, StageStart, StepResu
 from granfabric.fem.equilibrium.run import Run
 from granfabric.fem.equilibrium.tied_results import rigid_bodies, spring_forces
 from granfabric.fem.equilibrium.uncoupled import UncoupledRun
-from granfabric.fem.equilibrium.unknowns import unknowns_of
 from granfabric.fem.linear_solvers.tangent import FactorMemory
 from granfabric.fem.loads.problem import Problem
 
@@ -121,21 +120,38 @@ class _Collected(Run):
         whole = self._problem.space.nodes.gather(own.reshape(-1, 2))
         return np.empty(0) if whole is None else whole.ravel()
 
-    def _of_points(self, own: Array) -> Array:
+    def _of_points(self, own: NDArray[Any]) -> NDArray[Any]:
         whole = self._problem.space.points.gather(own)
-        return np.empty((0, *own.shape[1:])) if whole is None else whole
+        return np.empty((0, *own.shape[1:]), dtype=own.dtype) if whole is None else whole
 
-    _index = 0
+    _supported: tuple[int, NDArray[np.int64], Any] = (-1, np.empty(0, dtype=np.int64), None)
+
+    def _of_supports(self, index: int, own: Array) -> Array:
+        """Forces of the supports: of the few degrees of freedom that have some, which are told once a stage."""
+        space = self._problem.space
+        if self._supported[0] != index:
+            terms = self._problem.program.terms[index]
+            dofs = terms.constrained if terms.ties is None else np.union1d(terms.constrained, terms.ties.dofs)
+            numbers = 2 * space.node_numbers[dofs // 2] + dofs % 2
+            self._supported = index, dofs, self._comm.gather(numbers, root=0)
+        _, dofs, numbers = self._supported
+        told = self._comm.gather(own[dofs], root=0)
+        space.nodes.bytes_moved += own[dofs].nbytes
+        if told is None:
+            return np.empty(0)
+        whole = np.zeros(2 * space.nodes.total)
+        for places, values in zip(numbers, told):
+            whole[places] = values
+        return whole
 
     def _result(self, index: int, start: StageStart, *arguments: Any) -> StepResult:
-        self._index = index
         own = self._own = super()._result(index, start, *arguments)
         # what a stage remembers stays the same over its steps
         if self._last_start is None or self._last_start[0] is not start:
             self._last_start = (start, self._whole_start(start))
         whole_start = self._last_start[1]
         assert own.support is not None
-        displacement, forces = self._of_nodes(own.displacement), self._of_nodes(own.support)
+        displacement, forces = self._of_nodes(own.displacement), self._of_supports(index, own.support)
         active = None
         if self.whole is not None:
             program = self.whole.program
@@ -155,7 +171,7 @@ class _Collected(Run):
             stress=self._of_points(own.stress),
             strain=self._of_points(own.strain),
             state=self._of_points(own.state),
-            status=self._of_points(own.status.astype(np.float64)).astype(np.int8),
+            status=self._of_points(own.status),
             substeps=int(self._comm.allreduce(own.substeps)),
             stage_start=whole_start,
             support=forces,
@@ -174,21 +190,9 @@ class _Collected(Run):
         return StageStart(displacement, fading, reference, rows, start.load_factors, held)
 
     def _memory(self, *arguments: Any) -> SolverMemory:
+        # tangents, factor and the start of the next predictor are found anew: they are more than all the rest
         own: SolverMemory = super()._memory(*arguments)  # type: ignore[misc]
-        correction = None
-        if self._comm.bcast(own.last_correction is not None, root=0):
-            assert own.last_correction is not None
-            full = np.zeros(self._problem.space.ndofs)
-            correction = self._of_nodes(self._system.unknowns.expand(own.last_correction, full))
-            if self.whole is not None:
-                correction = unknowns_of(self.whole.program.terms[self._index], self.whole.space.ndofs).of(correction)
-        tangent = np.empty((0, 3, 3))
-        if not self._problem.law.description.linear_response:
-            tangent = self._of_points(self._system.of_space(own.tangent))
-            body = None if self.whole is None else self.whole.program.terms[self._index].body
-            if self.whole is not None and body is not None:
-                tangent = tangent[body.active[self.whole.space.point_cell]]
-        return replace(own, tangent=tangent, last_correction=correction, factor=FactorMemory())
+        return replace(own, tangent=np.empty((0, 3, 3)), last_correction=None, factor=FactorMemory())
 
 
 class DistributedCoupledRun(_Collected, CoupledRun):
@@ -201,11 +205,6 @@ class DistributedCoupledRun(_Collected, CoupledRun):
         lost = band_fraction(tangent, weights) * area if len(weights) else 0.0
         lost, area, good = self._comm.allreduce(np.array([lost, area, 0.0 if np.isfinite(tangent).all() else 1.0]))
         return float(lost / area) if good == 0.0 else 0.0
-
-    def _continue_from(self, memory: SolverMemory) -> None:
-        # which was told for all points of this rank
-        part = self._system.part
-        super()._continue_from(memory if part is None else replace(memory, tangent=memory.tangent[part.points]))
 
 
 class DistributedUncoupledRun(_Collected, UncoupledRun):

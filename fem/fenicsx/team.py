@@ -149,7 +149,7 @@ class Team:
         memory = None
         if isinstance(resume, Checkpoint):
             resume, memory = resume.result, resume.memory
-        resume, memory = divide_checkpoint(local, problem, resume, memory)
+        resume, memory = divide_checkpoint(local, resume, memory)
         if in_pieces:
             run.pieces = PieceWriter(local, problem, pieces)
             run.pieces.begin(resume)
