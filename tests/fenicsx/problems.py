@@ -15,6 +15,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "fem"))
 from changing_meshes import column, plate_and_core
 from fem_meshes import ELASTIC, PLASTIC, distorted
 
+from granfabric import ContactLaw, Effects, Material
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.loads.kinds import (
     BodyForce,
@@ -30,7 +31,11 @@ from granfabric.fem.loads.problem import Problem
 from granfabric.fem.mesh.host_mesh import HostMesh, rectangle
 from granfabric.fem.mesh.shapes import quarter_ring
 
-LAWS = {"elastic": ELASTIC, "plastic": PLASTIC}
+CONTACT = ContactLaw(
+    [Material(coordination=z, solid_fraction=0.846, normal_stiffness=1e9) for z in (4.06, 3.9)],
+    effects=Effects(stiffness_feedback=True),
+)
+LAWS = {"elastic": ELASTIC, "plastic": PLASTIC, "contact": CONTACT}
 HOLD = [Fixed("bottom"), Fixed("left", ("x",)), Fixed("right", ("x",))]
 
 
@@ -137,6 +142,21 @@ def led(law: Any) -> Problem:
     return Problem(Space(_ground(), "P2"), law, stages)
 
 
+def few_points(law: Any) -> Problem:
+    """One integration point a cell: at corners the recovery takes cells from further away."""
+    stages = [Stage("press", [*HOLD, Pressure("top", 0.5), Traction("top", (0.2, 0.0))], 2)]
+    return Problem(Space(distorted("P1", 6), "P1"), law, stages)
+
+
+def joint(law: Any) -> Problem:
+    """Two materials side by side."""
+    space = Space(rectangle(2.0, 1.0, 6, 4, "quad"), "Q1")
+    index = (space.points[:, 0] > 1.0).astype(np.int32)
+    sides = [Fixed("bottom", ("y",)), Fixed("left", ("x",)), Pressure("right", 1e5)]
+    stages = [Stage("initial", [*sides, Pressure("top", 1e5)]), Stage("press", [*sides, Pressure("top", 1.2e5)], 3)]
+    return Problem(space, law, stages, initial_stress=(-1e5, -1e5, 0.0), material_index=index)
+
+
 PROBLEMS: dict[str, Callable[[Any], Problem]] = {
-    made.__name__: made for made in (excavation, fill, springs, rigid, smooth, led)
+    made.__name__: made for made in (excavation, fill, springs, rigid, smooth, led, few_points, joint)
 }
