@@ -181,7 +181,9 @@ class PieceWriter:
         self._problem = problem
         self._comm = problem.space.comm
         self._series = None if output is None else output.series
-        head = None if output is None else (output.series.folder, output.every, output.compression, output.written)
+        head = None
+        if output is not None:
+            head = (output.series.folder.resolve(), output.every, output.compression, output.written)
         self._folder: Path
         self._compression: Compression
         self._folder, self._every, self._compression, self._written = self._comm.bcast(head, root=0)

@@ -1,6 +1,7 @@
-"""Problems by both hosts: `compare_hosts.py NAME:LAW ...`, on any number of ranks; a line of JSON each.
+"""Problems by both hosts, on any number of ranks; a line of JSON each: `compare_hosts.py NAME:LAW scene:NAME ...`.
 
-Largest differences over all steps, each relative to the largest value of its kind.
+Problems are those of `problems.py` and shipped scenes, the latter solved to 1e-10 of the nodal forces. Largest
+differences over all steps, each relative to the largest value of its kind.
 """
 
 from __future__ import annotations
@@ -12,9 +13,13 @@ from typing import Any
 import numpy as np
 from problems import LAWS, PROBLEMS
 
+from granfabric.cases.effects.resolve import resolve_field
+from granfabric.cases.field.prepare import prepare
+from granfabric.cases.scene.reader import load
 from granfabric.fem.equilibrium.checkpoint import Checkpoint
 from granfabric.fem.equilibrium.stepping import StepControl, solve
 from granfabric.fem.fenicsx.team import Team
+from granfabric.fem.loads.problem import Problem
 
 FIELDS = ("displacement", "stress", "strain", "state", "support")
 SUMS = ("reactions", "rigid", "springs")
@@ -53,16 +58,24 @@ def differences(ours: list[Any], theirs: list[Any]) -> dict[str, float]:
     return found
 
 
+def prepared(name: str) -> tuple[Problem, StepControl]:
+    kind, _, other = name.partition(":")
+    if kind != "scene":
+        return PROBLEMS[kind](LAWS[other]), StepControl(tolerance=1e-11)
+    loaded = load(other, ["solver.tolerance=1e-10"])
+    _, found, _ = resolve_field(loaded, prepare(loaded))
+    return found.problem, found.control
+
+
 def main() -> None:
     team = Team()
     if not team.leads:
         team.assist()
         return
-    control = StepControl(tolerance=1e-11)
     with team:
         for name in sys.argv[1:]:
-            kind, _, law = name.partition(":")
-            problem = PROBLEMS[kind](LAWS[law])
+            problem, control = prepared(name)
+            resumes = not name.startswith("scene:")
             ours: list[Any] = []
             theirs: list[Any] = []
             kept: list[Checkpoint] = []
@@ -73,7 +86,7 @@ def main() -> None:
             assert summary.finished, (name, summary.message)
             found = differences(ours, theirs)
             # both hosts go on from what ranks left in the middle
-            for place in range(0, len(kept) - 1, 2):
+            for place in range(0, len(kept) - 1, 2) if resumes else ():
                 for going_on in (team.solve, solve):
                     rest: list[Any] = []
                     assert going_on(problem, control, rest.append, resume=kept[place]).finished

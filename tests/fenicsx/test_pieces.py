@@ -65,7 +65,7 @@ def rows(grid: Any, names: list[str]) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_pieces_hold_what_one_file_holds(tmp_path: Path, ranks: int) -> None:
-    done = on_ranks(ranks, str(HERE / "write_pieces.py"), str(tmp_path), *NAMES)
+    done = on_ranks(ranks, str(HERE / "write_pieces.py"), str(tmp_path), *NAMES, timeout=600.0)
     assert done.returncode == 0, done.stderr
     assert "told: output folder" in done.stdout
     assert "Is a directory" in done.stdout
