@@ -1,7 +1,7 @@
 """Linear solves by PETSc: a factor that is kept, as preconditioner of GMRES on the exact tangent.
 
 The rules for its renewal are those of `granfabric.fem.linear_solvers.tangent`. Prescribed degrees of freedom stay in
-the system as rows of the identity, so that its layout never changes.
+the system as rows of the identity, so that its layout stays; where rigid bodies tie some, there are other unknowns.
 """
 
 from __future__ import annotations

@@ -143,7 +143,7 @@ class DistributedUnknowns:
         self._matrix = csr_matrix(ties.whole.matrix)
         self._transposed = csr_matrix(ties.whole.matrix.T)
         self._inverse = csr_matrix(ties.whole.left_inverse)
-        first = self._transposed.tocsr().indices[self._transposed.indptr[:-1]]
+        first = self._transposed.indices[self._transposed.indptr[:-1]]
         self._mine = np.flatnonzero(np.isin(first, shared.places))
         self.count = len(self._free) + len(self._mine)
 

@@ -108,6 +108,13 @@ def rigid(law: Any) -> Problem:
     return Problem(Space(host, "P2"), law, stages)
 
 
+def displaced(law: Any) -> Problem:
+    """A footing all of whose motions are prescribed, so that nothing on its boundary is unknown."""
+    body = RigidBody("footing", displacement=(5e-4, -1e-3), rotation=2e-4)
+    stages = [Stage("move", [*HOLD, body], 2), Stage("on", [RigidBody("footing", displacement=(0.0, -1e-3))], 2)]
+    return Problem(Space(_ground(), "P2"), law, stages)
+
+
 def smooth(law: Any) -> Problem:
     """A smooth punch in a hole, whose nodes slide along a slant, each another one."""
     host = quarter_ring(1.0, 3.0, 4, 6, "quad")
@@ -158,5 +165,5 @@ def joint(law: Any) -> Problem:
 
 
 PROBLEMS: dict[str, Callable[[Any], Problem]] = {
-    made.__name__: made for made in (excavation, fill, springs, rigid, smooth, led, few_points, joint)
+    made.__name__: made for made in (excavation, fill, springs, rigid, displaced, smooth, led, few_points, joint)
 }
