@@ -190,7 +190,7 @@ class _Collected(Run):
         return StageStart(displacement, fading, reference, rows, start.load_factors, held)
 
     def _memory(self, *arguments: Any) -> SolverMemory:
-        # tangents, factor and the start of the next predictor are found anew: they are more than all the rest
+        # tangents, factor and the start of the next predictor are found anew, which costs less than to collect them
         own: SolverMemory = super()._memory(*arguments)  # type: ignore[misc]
         return replace(own, tangent=np.empty((0, 3, 3)), last_correction=None, factor=FactorMemory())
 
