@@ -71,8 +71,9 @@ class Surroundings:
 
     Attributes
     ----------
-    space : Space
-    piece : Piece
+    space : Space or None
+        None on a rank that has no cells.
+    piece : Piece or None
     """
 
     def __init__(self, distribution: Distribution, whole: Space | None) -> None:
@@ -90,7 +91,9 @@ class Surroundings:
                 takes.insert(0, [np.flatnonzero(from_rank == other) for other in range(comm.size)])
                 for other in range(comm.size):
                     gives[other][rank] = number[cells[from_rank == other]]
-                told = (restricted_mesh(whole, around), whole.element_nodes[cells], cells, from_rank == rank)
+                told = None
+                if len(cells):
+                    told = (restricted_mesh(whole, around), whole.element_nodes[cells], cells, from_rank == rank)
                 if rank:
                     comm.send(told, dest=rank)
             exchanged = comm.scatter(list(zip(gives, takes)), root=0)
@@ -98,21 +101,24 @@ class Surroundings:
             told = comm.recv(source=0)
             exchanged = comm.scatter(None, root=0)
         self._gives, self._takes = exchanged
-        host, element_nodes, cells, own = told
-        shape = distribution.outline
-        self.space = Space(host, shape.element, shape.quadrature_degree)
-        nodes = np.empty(self.space.nnodes, dtype=np.int64)
-        nodes[self.space.element_nodes] = element_nodes
-        self.piece = Piece(own, cells, nodes)
-        # which of the space's cells each of the rank's is
-        self._place = np.searchsorted(cells, distribution.cell_numbers)
+        self.space: Space | None = None
+        self.piece: Piece | None = None
+        self._place = np.empty(0, dtype=np.int64)  # which of the space's cells each of the rank's is
+        if told is not None:
+            host, element_nodes, cells, own = told
+            shape = distribution.outline
+            self.space = Space(host, shape.element, shape.quadrature_degree)
+            nodes = np.empty(self.space.nnodes, dtype=np.int64)
+            nodes[self.space.element_nodes] = element_nodes
+            self.piece = Piece(own, cells, nodes)
+            self._place = np.searchsorted(cells, distribution.cell_numbers)
         self._moved = dolfinx().fem.Function(distribution.displacements)
         self._table = dialect.dof_table(distribution.displacements)[: distribution.nelements]
         self.bytes_moved = 0
 
     def of_points(self, own: Array) -> Array:
         """Values at the points of the space, shape (npt, k), of those at the rank's points; by all ranks together."""
-        nq, columns = self.space.points_per_cell, own.shape[1]
+        nq, columns = self._distribution.points_per_cell, own.shape[1]
         ours = np.empty((len(self._place), nq, columns))
         ours[:, self._distribution.point_order] = own.reshape(len(self._place), nq, columns)
         width = nq * columns
@@ -124,7 +130,7 @@ class Surroundings:
         received = np.empty(sum(counts))
         self._comm.Alltoallv([send, sizes], [received, counts])
         self.bytes_moved += send.nbytes + received.nbytes
-        values = np.empty((self.space.nelements, nq, columns))
+        values = np.empty((0 if self.space is None else self.space.nelements, nq, columns))
         values[self._place] = ours
         begin = 0
         for cells, count in zip(self._takes, counts):
@@ -135,13 +141,16 @@ class Surroundings:
 
     def of_cells(self, own: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """A mask of the cells of the space from that of the rank's."""
-        at_points = np.repeat(own.astype(np.float64), self.space.points_per_cell)[:, None]
-        return np.asarray(self.of_points(at_points)[:: self.space.points_per_cell, 0] > 0.5)
+        nq = self._distribution.points_per_cell
+        at_points = np.repeat(own.astype(np.float64), nq)[:, None]
+        return np.asarray(self.of_points(at_points)[::nq, 0] > 0.5)
 
     def of_nodes(self, own: Array) -> Array:
         """Displacements, shape (ndofs of the space,), at the nodes of the rank's cells; zero at others."""
         self._moved.x.array[: len(own)] = own
         self._moved.x.scatter_forward()
+        if self.space is None:
+            return np.empty(0)
         at_nodes = np.empty((*self._table.shape, 2))
         at_nodes[:, self._distribution.node_order] = np.asarray(self._moved.x.array).reshape(-1, 2)[self._table]
         values = np.zeros((self.space.nnodes, 2))
@@ -191,8 +200,10 @@ class PieceWriter:
         index = None
         if problem.material_index is not None:
             index = self._around.of_points(problem.material_index.astype(np.float64)[:, None])[:, 0].astype(np.int32)
-        around = self._around
-        self._grids = Grids(around.space, problem.law.description, index, self._compression, around.piece)
+        space, piece = self._around.space, self._around.piece
+        self._grids: Grids | None = None
+        if space is not None:
+            self._grids = Grids(space, problem.law.description, index, self._compression, piece)
         self._active: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None = None
         self._last: StepResult | None = None
 
@@ -270,8 +281,10 @@ class PieceWriter:
 
     def _write_piece(self, step: StepResult) -> dict[str, Described] | None:
         """This rank's files; None if nothing of it is there."""
-        own = self._around.piece.own
-        if not (own if step.active is None else own & step.active).any():
+        piece = self._around.piece
+        if piece is None or self._grids is None:
+            return None
+        if not (piece.own if step.active is None else piece.own & step.active).any():
             return None
         names = {series: piece_name(series, step.step, self._comm.rank) for series in (FIELDS, POINTS)}
         return self._grids.write_files(self._folder, names, step)

@@ -155,6 +155,13 @@ def few_points(law: Any) -> Problem:
     return Problem(Space(distorted("P1", 6), "P1"), law, stages)
 
 
+def tiny(law: Any) -> Problem:
+    """Two cells: of three ranks one has none."""
+    body = RigidBody("top", force=(0.0, -0.3), rotation="fixed")
+    stages = [Stage("push", [Fixed("bottom", ("y",)), Fixed("left", ("x",)), Spring("right", 1.0, 1.0), body], 2)]
+    return Problem(Space(rectangle(1.0, 1.0, 1, 1), "P1"), law, stages)
+
+
 def joint(law: Any) -> Problem:
     """Two materials side by side."""
     space = Space(rectangle(2.0, 1.0, 6, 4, "quad"), "Q1")
@@ -165,5 +172,5 @@ def joint(law: Any) -> Problem:
 
 
 PROBLEMS: dict[str, Callable[[Any], Problem]] = {
-    made.__name__: made for made in (excavation, fill, springs, rigid, displaced, smooth, led, few_points, joint)
+    made.__name__: made for made in (excavation, fill, springs, rigid, displaced, smooth, led, few_points, tiny, joint)
 }

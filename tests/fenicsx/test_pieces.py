@@ -17,7 +17,7 @@ from granfabric.cases.errors import InputError
 from granfabric.cases.records import series
 
 HERE = Path(__file__).parent
-NAMES = ("excavation:plastic", "fill:elastic", "springs:plastic", "few_points:plastic", "joint:contact")
+NAMES = ("excavation:plastic", "fill:elastic", "springs:plastic", "few_points:plastic", "tiny:plastic", "joint:contact")
 SERIES = ("result", "points")
 FEW = ["--set", "stage.compression.increments=4"]
 SCENE = "biaxial_inclusion"
