@@ -173,7 +173,6 @@ ELSEWHERE = {
     "cost.md": "page of the studies of cost",
     "{}.pvd": "a series, see files.SERIES",
     "{}_{}.vtu": "a series, see files.SERIES",
-    "{}_{}_{}.vtu": "a piece of a file of a series",
     "probe_{}.csv": "a pattern of its own",
     "{}_disks_seed_{}_{}.npz": "packings in a store of their own",
     "{}_inputs.json": "measured inputs of kept packings",
