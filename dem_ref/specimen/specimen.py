@@ -42,7 +42,7 @@ CHUNK = 50
 LEARNING = 0.1
 RESPONSE = 200.0
 """Steps in which a platen that carries a force corrects an error of it."""
-LOOSE_REST = 1e-2
+LOOSE_REST = 5e-4
 """Unbalanced force that counts as rest while friction is not yet that of the disks."""
 COMING_TOGETHER = 150_000
 """Steps of the consolidation without friction, at most: some specimens creep then."""

@@ -19,7 +19,7 @@ from granfabric.cases.terminal.screen import Screen
 from granfabric.dem_ref.specimen.history import COLUMNS
 
 SMALL = ("packing.particles=200", "rates.inertial_number=1e-4", "path.0.axial_strain=1e-4", "path.2.axial_strain=5e-5")
-SMALL += ("output.strain_step=2e-5", "output.every=3", "output.field_cells=3")
+SMALL += ("rates.longest_rest=50000", "output.strain_step=2e-5", "output.every=3", "output.field_cells=3")
 
 
 @pytest.fixture(scope="module")

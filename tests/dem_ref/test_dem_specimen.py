@@ -61,7 +61,7 @@ def test_a_membrane_presses_with_its_pressure_times_the_height_whatever_its_shap
 
 @pytest.fixture(scope="module")
 def compressed() -> Specimen:
-    specimen = Specimen(make_packing(300, 1), SpecimenOptions(inertial_number=1e-4))
+    specimen = Specimen(make_packing(300, 1), SpecimenOptions(inertial_number=1e-4, longest_rest=60_000))
     assert specimen.consolidate(), specimen.ending
     assert specimen.compress(5e-3, 10), specimen.ending
     return specimen
@@ -94,7 +94,7 @@ def test_what_is_worked_is_stored_or_heat(compressed):
 
 @pytest.mark.slow
 def test_the_same_again_has_the_same_bits(compressed):
-    again = Specimen(make_packing(300, 1), SpecimenOptions(inertial_number=1e-4))
+    again = Specimen(make_packing(300, 1), SpecimenOptions(inertial_number=1e-4, longest_rest=60_000))
     again.consolidate()
     again.compress(5e-3, 10)
     assert again.rows == compressed.rows
@@ -149,7 +149,7 @@ def test_bad_input_is_refused_with_a_sentence(packing):
 
 LEGS = (SpecimenLeg("compression", 1e-4), SpecimenLeg("rest"), SpecimenLeg("compression", 5e-5, stress_ratio=0.01),
         SpecimenLeg("force", axial_stress=1.1e5))  # fmt: skip
-QUICK = SpecimenOptions(platen_friction=0.0, inertial_number=1e-4, height_to_width=2.0)
+QUICK = SpecimenOptions(platen_friction=0.0, inertial_number=1e-4, height_to_width=2.0, longest_rest=50_000)
 
 
 @pytest.fixture(scope="module")
@@ -255,7 +255,7 @@ def test_damaged_and_foreign_checkpoints_are_refused(smooth, tmp_path):
 
 def test_loose_disks_under_gravity_do_not_keep_it_from_rest():
     """Disks that have fallen on the lower platen, or lie in gaps, neither bounce for ever nor count."""
-    specimen = Specimen(make_packing(200, 2), SpecimenOptions(unit_weight=500.0))
+    specimen = Specimen(make_packing(200, 2), SpecimenOptions(unit_weight=500.0, longest_rest=60_000))
     assert specimen.consolidate(), specimen.ending
     contacts = contacts_of(specimen.sample)
     number = np.bincount(np.concatenate([contacts.first, contacts.second]), minlength=specimen.sample.count)
