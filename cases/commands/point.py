@@ -67,9 +67,8 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
     """
     since, owner = time.perf_counter(), loaded.owner
     loaded.require("point")
+    increments = refuse_too_long(loaded)
     legs = legs_of(loaded.scene)
-    increments = sum(leg.increments for leg in legs)
-    memory.refuse_beyond(BYTES_PER_STEP * increments, f"{loaded.file}: path, {increments} increments in all,")
     files.check_output(folder, owner, overwrite)
     for text in remarks(loaded.scene):
         screen.say(text)
@@ -129,6 +128,19 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
             effects_audit.conclude(audit, loaded, record, screen)
             record.write()
         return record
+
+
+def refuse_too_long(loaded: LoadedScene) -> int:
+    """Increments of all legs of a point scene.
+
+    Raises
+    ------
+    InputError
+        If their history does not fit into memory.
+    """
+    increments = sum(leg.increments for leg in loaded.scene.path)
+    memory.refuse_beyond(BYTES_PER_STEP * increments, f"{loaded.file}: path, {increments} increments in all,")
+    return increments
 
 
 def _begin(loaded: LoadedScene, screen: Screen) -> PointStart:
