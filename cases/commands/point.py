@@ -15,7 +15,8 @@ from granfabric.cases.records import files, pore_columns
 from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import start_state
-from granfabric.cases.scene import build
+from granfabric.cases.scene import build, magnitudes
+from granfabric.cases.scene.drainage import without_fluid
 from granfabric.cases.scene.effects_choice import resolve_effects
 from granfabric.cases.scene.point_path import legs_of, remarks
 from granfabric.cases.scene.reader import LoadedScene
@@ -70,7 +71,9 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
     increments = refuse_too_long(loaded)
     legs = legs_of(loaded.scene)
     files.check_output(folder, owner, overwrite)
-    for text in remarks(loaded.scene):
+    initial = loaded.scene.initial.stress
+    doubts = (*without_fluid(loaded), *magnitudes.hints(loaded, -0.5 * (initial[0] + initial[1])))
+    for text in (*remarks(loaded.scene), *doubts):
         screen.say(text)
     made = point_start.begin(loaded, screen) if is_grains(loaded.scene) else _begin(loaded, screen)
     loaded, scene, effects, law = made.loaded, made.loaded.scene, made.effects, made.law

@@ -27,6 +27,7 @@ from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import write_failed_point
 from granfabric.cases.records.units import units
 from granfabric.cases.scene import build, effects_choice
+from granfabric.cases.scene.drainage import without_fluid
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.scene.schema_law_kind import is_grains
 from granfabric.cases.terminal.compile_watch import CompileWatch, watching
@@ -112,6 +113,8 @@ def run_field(
             effects_choice.check(loaded)
         prepared = prepare(loaded)
         hosts.check(team, loaded, prepared.problem)
+        for text in without_fluid(loaded):
+            screen.say(text)
         if earlier is not None and not grains and is_undecided(earlier):
             same, as_begun, _ = resolve_field(loaded, prepared, earlier)
             scene = resolved(same, as_begun.effects)
