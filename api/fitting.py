@@ -227,4 +227,3 @@ def _result(fitted: study.Fitted, outcome: str) -> FitResult:
         fitted.base.closure_of(fitted.values),
         report.material_text(fitted),
     )
-

@@ -61,9 +61,7 @@ def stiffness(scene: Any, pressure: float) -> list[str]:
         return []
     values = [section.normal_stiffness for section in material_sections(scene).values()]
     if max(values) / pressure > STIFF:
-        return [
-            f"warning: mean initial pressure {pressure:.4g} Pa, kn/p = {max(values) / pressure:.1g}: {KILOPASCALS}"
-        ]
+        return [f"warning: mean initial pressure {pressure:.4g} Pa, kn/p = {max(values) / pressure:.1g}: {KILOPASCALS}"]
     if min(values) / pressure < SOFT:
         return [
             f"warning: normal_stiffness = {min(values):g} Pa, kn/p = {min(values) / pressure:.1g} under the mean initial "
@@ -156,7 +154,10 @@ def _stage(keys: Place, stage: Any, pressure: float, size: float) -> Iterator[tu
     for number, load in enumerate(stage.rigid):
         far = max(abs(load.displacement_x or 0.0), abs(load.displacement_y or 0.0))
         if far > FAR * size:
-            yield [*keys, "rigid", number], f"{far:g} m on a body of {size:.4g} m: lengths are in m, not mm (1 mm is 1e-3)"
+            yield (
+                [*keys, "rigid", number],
+                f"{far:g} m on a body of {size:.4g} m: lengths are in m, not mm (1 mm is 1e-3)",
+            )
 
 
 def _length(values: Sequence[Any]) -> float:

@@ -130,7 +130,9 @@ def test_shipped_scenes_have_neither(scene: str) -> None:
 
 
 def test_drained_without_fluid(tmp_path: Path) -> None:
-    needs = "there is no pore fluid; it comes with its bulk modulus, material.fluid_bulk_stiffness [Pa] (2.2e9 for water)"
+    needs = (
+        "there is no pore fluid; it comes with its bulk modulus, material.fluid_bulk_stiffness [Pa] (2.2e9 for water)"
+    )
     assert without_fluid(loaded(tmp_path, POINT)) == without_fluid(loaded(tmp_path, FIELD)) == []
     assert without_fluid(loaded(tmp_path, POINT, "path.0.drained=true")) == [
         f"note: path 1: drained = true changes nothing: {needs}"
