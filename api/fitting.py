@@ -227,3 +227,4 @@ def _result(fitted: study.Fitted, outcome: str) -> FitResult:
         fitted.base.closure_of(fitted.values),
         report.material_text(fitted),
     )
+

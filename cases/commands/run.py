@@ -22,6 +22,7 @@ from granfabric.cases.field.prepare import prepare
 from granfabric.cases.records import files, pore_columns, resumption
 from granfabric.cases.records.field_history import FieldHistory
 from granfabric.cases.records.field_recorder import FieldRecorder
+from granfabric.cases.records.numbers import names_of_numbers, region_at
 from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import write_failed_point
@@ -35,13 +36,13 @@ from granfabric.cases.terminal.early_kernels import EarlyKernels
 from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.constitutive import warm_up as constitutive_warm_up
-from granfabric.constitutive.contract import LawDescription
 from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.fem import warm_up as fem_warm_up
 from granfabric.fem.equilibrium.checkpoint import Checkpoint, CheckpointError, CheckpointFolder
 from granfabric.fem.equilibrium.control import ControlError
 from granfabric.fem.equilibrium.results import RunSummary, StepResult
 from granfabric.fem.equilibrium.stepping import solve
+from granfabric.fem.loads.problem import Problem
 from granfabric.fem.output.fields import OutputError
 
 from . import hosts
@@ -147,6 +148,7 @@ def run_field(
         record.details["host"] = hosts.as_data(team)
         record.details["mesh_digest"] = digest
         record.details["mesh_groups"] = mesh_table.as_data(problem.space.host_mesh, second_order)
+        record.details["numbers"] = names_of_numbers(problem.space.host_mesh, loaded.scene.materials)
         record.details["size"] = {
             "elements": problem.space.nelements,
             "degrees_of_freedom": problem.space.ndofs,
@@ -221,7 +223,7 @@ def run_field(
             except KeyboardInterrupt as error:
                 more = grains_run.how_to_go_on(problem.law)
                 raise record.broken_off(f"interrupted within a step{more}") from error
-        _finish(record, summary, stop.requested, balance, problem.law.description)
+        _finish(record, summary, stop.requested, balance, problem)
         record.timing["output"] += recorder.closing
         record.timing["writer"] = recorder.writing
         if summary.failed_point is not None and record.outcome == "failed":
@@ -300,12 +302,12 @@ def _finish(
     summary: RunSummary,
     stopped: bool,
     balance: initial_balance.Balance,
-    description: LawDescription,
+    problem: Problem,
 ) -> None:
     record.outcome = "finished" if summary.finished else "stopped" if stopped else "failed"
     record.message = summary.message
     if record.outcome == "failed":
-        record.message += _failed_place(record, summary, description) + balance.reminder(summary.stage)
+        record.message += _failed_place(record, summary, problem) + balance.reminder(summary.stage)
     record.details["counters"] = dict(summary.counters)
     record.details["linear_solver"] = summary.solver
     if summary.band_fraction > 0.0:
@@ -314,14 +316,17 @@ def _finish(
     record.timing.update(summary.seconds)
 
 
-def _failed_place(record: Record, summary: RunSummary, description: LawDescription) -> str:
+def _failed_place(record: Record, summary: RunSummary, problem: Problem) -> str:
     """Where the law could not be followed, how far the stress had come there, and what bounds it."""
     failed = summary.failed_point
     if failed is None:
         return ""
-    xx, yy, xy = effective_stress(failed.stress_start, failed.state_start, description).tolist()
+    xx, yy, xy = effective_stress(failed.stress_start, failed.state_start, problem.law.description).tolist()
     pressure, deviator = -0.5 * (xx + yy), float(np.hypot(0.5 * (xx - yy), xy))
     said = f" (point {failed.point} at ({failed.position[0]:.4g}, {failed.position[1]:.4g}) m"
+    mesh = problem.space.host_mesh
+    if len(mesh.regions) > 1 and (region := region_at(mesh, int(problem.space.point_cell[failed.point]))):
+        said += f" in region {region!r}"
     ratio = deviator / pressure if pressure > 0.0 else 0.0
     if ratio:
         said += f", q/p = {ratio:.3g}"

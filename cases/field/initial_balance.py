@@ -147,8 +147,9 @@ def announce(balance: Balance, loaded: LoadedScene, problem: Problem, record: Re
     """Say and record how the initial state is balanced; say which loads are tensile, and which add to others."""
     record.details["initial_imbalance"] = balance.as_data()
     screen.say(balance.text())
-    slips = (*unheld(loaded, problem), *unchanged(loaded, problem), *pulling(loaded, problem))
-    for text in (*doubtful_units(loaded, problem), *slips, *adding(loaded, problem.space.host_mesh), *snapped(loaded, problem)):
+    units = doubtful_units(loaded, problem)
+    slips = (*units, *unheld(loaded, problem), *unchanged(loaded, problem), *pulling(loaded, problem))
+    for text in (*slips, *adding(loaded, problem.space.host_mesh), *snapped(loaded, problem)):
         screen.say(text)
 
 

@@ -64,8 +64,8 @@ def stiffness(scene: Any, pressure: float) -> list[str]:
         return [f"warning: mean initial pressure {pressure:.4g} Pa, kn/p = {max(values) / pressure:.1g}: {KILOPASCALS}"]
     if min(values) / pressure < SOFT:
         return [
-            f"warning: normal_stiffness = {min(values):g} Pa, kn/p = {min(values) / pressure:.1g} under the mean initial "
-            f"pressure of {pressure:.4g} Pa: stiffnesses are in Pa, not MPa or GPa (1 GPa is 1e9)"
+            f"warning: normal_stiffness = {min(values):g} Pa, kn/p = {min(values) / pressure:.1g} under the mean "
+            f"initial pressure of {pressure:.4g} Pa: stiffnesses are in Pa, not MPa or GPa (1 GPa is 1e9)"
         ]
     return []
 

@@ -89,7 +89,9 @@ def refusal(values: Mapping[str, float]) -> str:
     tables = law_tables(values)
     closure = closure_table(tables)
     try:
-        ContactLaw([Material(**tables["material"])], Closure(**closure), Effects(sliding="peak_stress_ratio" in values))
+        ContactLaw(
+            [Material(**tables["material"])], Closure(**closure), Effects(sliding="peak_stress_ratio" in values)
+        )
     except ParameterError as error:
         return str(error)
     return ""

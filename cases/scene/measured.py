@@ -57,7 +57,9 @@ def inputs_of(measured: Mapping[str, Measured]) -> Inputs:
     )
 
 
-def measure_inputs(sample: Sample, rattlers: str = "included", loop_stress_ratio: float = LOOP_STRESS_RATIO) -> Inputs:
+def measure_inputs(
+    sample: Sample, rattlers: str = "included", loop_stress_ratio: float = LOOP_STRESS_RATIO
+) -> Inputs:
     """Everything measured on a packing that the point law may take.
 
     Besides `dem_ref.material.measure_material_with_errors` the fabric of the packing itself, which is isotropic only on

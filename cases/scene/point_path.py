@@ -12,7 +12,9 @@ def legs_of(scene: Any) -> list[Leg]:
     made = []
     for part in scene.path:
         if part.rotation_degrees is not None:
-            made.append(Leg(rotation_degrees=part.rotation_degrees, increments=part.increments, drained=part.drained))
+            made.append(
+                Leg(rotation_degrees=part.rotation_degrees, increments=part.increments, drained=part.drained)
+            )
         else:
             made.append(
                 Leg(

@@ -187,9 +187,9 @@ class SpaceOfBody(Space):
             out = np.ones(len(inside))
             if np.any(traction(middle[0], middle[1], out, 0.0 * out)):
                 raise MeshError(
-                    f"boundary {name!r} lies inside the body{self._between(inside)}, so that a load on it has no outward "
-                    "side (one that an earlier stage left there has to be set to 0; a region is there from the outset "
-                    "unless a stage activates it)"
+                    f"boundary {name!r} lies inside the body{self._between(inside)}, so that a load on it has no "
+                    "outward side (one that an earlier stage left there has to be set to 0; a region is there from the "
+                    "outset unless a stage activates it)"
                 )
         outer = there[0] != there[1]
         acting = outer & carried.any(axis=0)

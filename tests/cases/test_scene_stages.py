@@ -63,6 +63,8 @@ def test_files_hold_what_is_there(tunnel: gf.Results) -> None:
         assert np.array_equal(places[:, :2], tunnel.nodes_at(int(step)))
         assert np.isfinite(vtk_to_numpy(grid.GetPointData().GetArray("coordination"))).all()
     mesh = prepare(load("tunnel")).problem.space.host_mesh
+    numbers = tunnel.record["numbers"]
+    assert list(numbers["region"].values()) == list(mesh.regions) and numbers["material"]["1"] == "lower"
     crown, bench = len(mesh.regions["crown"]), len(mesh.regions["bench"])
     whole = mesh.mesh.t.shape[1]
     assert counts == [whole, whole - crown, whole - crown - bench, whole - crown - bench]
@@ -280,6 +282,7 @@ def test_places_without_ground_name_the_stage(tmp_path: Path, every: int) -> Non
     for place in (trench, fill, ground):
         results.at(*place)
     results.at(*ground, 0), results.at(*trench, 0)
+    assert results.record["numbers"] == {"region": {"1": "ground", "2": "trench", "3": "fill"}}
     with pytest.raises(REFUSED, match=r'at step 0: the ground there is not there before stage "fill"'):
         results.at(*fill, 0)
     with pytest.raises(REFUSED, match=r"\(9, 1\) lies outside of the mesh, which reaches"):
@@ -298,8 +301,8 @@ def test_places_without_ground_name_the_stage(tmp_path: Path, every: int) -> Non
     [
         ({'activate = ["trench", "fill"]': 'activate = ["trench"]'},
          "boundary 'middle' lies inside the body between regions 'ground', 'trench', 'fill', so that"),
-        ({'activate = ["trench", "fill"]': 'activate = ["trench"]', "[0.0, -17e3] }": "[0.0, -17e3], region = 'ground' }",
-          'deactivate = ["trench"]': ""},
+        ({'activate = ["trench", "fill"]': 'activate = ["trench"]', 'deactivate = ["trench"]': "",
+          "[0.0, -17e3] }": "[0.0, -17e3], region = 'ground' }"},
          r"gives no weight \(body_force\) to region 'fill', .* \(no stage activates it, so that it is there from the"),
         ({'activate = ["trench", "fill"]': 'activate = ["trench"]', "k0 = 0.7": "k0 = { ground = 0.7, trench = 0.7 }"},
          r"k0 leaves out region 'fill' \(no stage activates it, so that it is there from the outset\)"),

@@ -40,8 +40,8 @@ stress = [-100e3, -100e3, 0.0]
 [[stage]]
 name = "initial"
 increments = 1
-fixed = [{ boundary = "bottom" }]
-pressure = [{ boundary = "top", value = 100e3 }, { boundary = "left", value = 100e3 }, { boundary = "right", value = 100e3 }]
+fixed = [{ boundary = "bottom" }, { boundary = "right", components = ["y"] }]
+pressure = [{ boundary = "top", value = 100e3 }, { boundary = "left", value = 100e3 }]
 [[stage]]
 name = "shear"
 increments = 1
