@@ -154,7 +154,7 @@ def _named(name: str, values: Array) -> tuple[Array, str]:
         what = next(what for what in UNITS_OF_A_BODY if rest.endswith(f"_{what}"))
         factor, unit = UNITS_OF_A_BODY[what]
         sign = -1.0 if values[np.argmax(np.abs(values))] < 0 else 1.0
-        words = f"{what.replace('_', ' ')} of {rest.removesuffix(f'_{what}')}"
+        words = f"{what.replace('_', ' ')} of body {rest.removesuffix(f'_{what}')}"
         return sign * factor * values, f"{'minus ' if sign < 0 else ''}{words} [{unit}]"
     # a ratio of stresses has no unit
     factor, unit = UNITS.get(head if not rest.startswith("ratio") else name, (1.0, "-"))

@@ -11,13 +11,16 @@ OF_A_BODY = ("displacement_x", "displacement_y", "rotation", "force_x", "force_y
 class BodyColumns:
     """What rigid bodies do and bear, what springs bear, and what a control has come to.
 
+    Before its body comes, and after it has gone, a boundary has the motion that fits it best, and bears what supports
+    of its own exert.
+
     Parameters
     ----------
     program : LoadProgram or None
     """
 
     def __init__(self, program: LoadProgram | None) -> None:
-        self._rigid = [] if program is None else list(program.contacts)
+        self._rigid = [] if program is None else program.tied_boundaries
         self._springs = [] if program is None else program.spring_boundaries
         self._controlled = program is not None and program.controlled
         self.names = [

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 _UNITS = (
     (r"(.*_)?moment", "N m/m"),
+    (r"rigid_.*_rotation", "rad"),
     (r"(reaction|spring)_.*_[xy]|rigid_.*_force_[xy]", "N/m"),
     (r"(.*_)?displacement_.*", "m"),
     (r"(.*_)?stress_(xx|yy|xy|zz)|(region_.*_|effective_)?[pq]|pore_pressure.*", "Pa"),
