@@ -15,6 +15,7 @@ from granfabric.cases.records import files, pore_columns
 from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import start_state
+from granfabric.cases.records.units import units
 from granfabric.cases.scene import build, magnitudes
 from granfabric.cases.scene.drainage import without_fluid
 from granfabric.cases.scene.effects_choice import resolve_effects
@@ -109,6 +110,7 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
             record.timing["compilation"] = made.compilation + watch.seconds
             record.timing["path"] -= watch.seconds
             names = list(history.columns)
+            record.details["columns"] = units(names)
             rows = list(zip(*(history.columns[name].tolist() for name in names)))
             try:
                 files.write_text(folder / files.HISTORY, files.csv_text(names, rows))
