@@ -14,6 +14,7 @@ from granfabric.cases.engine import kernels
 from granfabric.cases.engine.choice import Choice
 from granfabric.cases.engine.jobs import Ended, Job
 from granfabric.cases.errors import InputError, several
+from granfabric.cases.pictures import formats
 from granfabric.cases.records import files
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.resumption import identity, mesh_digest, other_versions
@@ -286,8 +287,8 @@ def _compute(
     texts = tuple(result.text for result in checked.results)
     function = f"{run_one.__module__}:{run_one.__name__}"
     jobs = [
-        Job(run.name, run.name, function, (checked.called, run.assignments, str(place / run.name), here, texts),
-            checked.kernels)
+        Job(run.name, run.name, function,
+            (checked.called, run.assignments, str(place / run.name), here, texts, formats.chosen()), checked.kernels)
         for run in todo
     ]  # fmt: skip
     saved = time.monotonic()

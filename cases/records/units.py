@@ -1,4 +1,4 @@
-"""Units of the columns of `history.csv`, of points, fields and disks, whose names hold none; in `run.json` `columns`."""
+"""Units of the columns of `history.csv`, whose names hold none; `run.json` lists them under `columns`."""
 
 from __future__ import annotations
 
