@@ -20,8 +20,8 @@ from granfabric.cases.cost import (
     footing,
     integrators,
     load_steps,
-    output,
     mesh,
+    output,
     tangents,
 )
 from granfabric.cases.cost import draw as work_precision_module
