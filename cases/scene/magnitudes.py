@@ -135,7 +135,8 @@ def _path(scene: Any, pressure: float) -> Iterator[tuple[Place, str]]:
 def _stage(keys: Place, stage: Any, pressure: float, size: float) -> Iterator[tuple[Place, str]]:
     for number, load in enumerate(stage.body_force):
         force = _length(load.value)
-        if 0.0 < force < LIGHT:
+        # what is not straight down may be an acceleration, which may be small
+        if 0.0 < force < LIGHT and load.value[0] == 0.0 and load.value[1] < 0.0 and _is_steady(load, stage):
             yield (
                 [*keys, "body_force", number],
                 f"{force:g} N/m3: unit weights are in N/m3, not kN/m3 (18 kN/m3 is [0.0, -18e3])",
@@ -143,7 +144,7 @@ def _stage(keys: Place, stage: Any, pressure: float, size: float) -> Iterator[tu
     for kind in ("pressure", "traction"):
         for number, load in enumerate(getattr(stage, kind)):
             value = _length(load.value if kind == "traction" else [load.value])
-            if _is_faint(value, pressure) and not any(getattr(load, "gradient", ())):
+            if _is_faint(value, pressure) and _is_steady(load, stage) and not any(getattr(load, "gradient", ())):
                 yield [*keys, kind, number], _faint(value, pressure)
     for number, load in enumerate(stage.displacement):
         if _length([load.value]) > FAR * size:
@@ -158,6 +159,11 @@ def _stage(keys: Place, stage: Any, pressure: float, size: float) -> Iterator[tu
                 [*keys, "rigid", number],
                 f"{far:g} m on a body of {size:.4g} m: lengths are in m, not mm (1 mm is 1e-3)",
             )
+
+
+def _is_steady(load: Any, stage: Any) -> bool:
+    """Whether a load just comes up: what goes to and fro may be small."""
+    return (stage.amplitude if load.amplitude is None else load.amplitude) in ("ramp", "step")
 
 
 def _length(values: Sequence[Any]) -> float:
