@@ -151,8 +151,8 @@ def findings(table: Sequence[Row]) -> list[str]:
     plain = whole["none"]
     said = [
         f"Fields of every step, not compressed: {plain['bytes_a_step'] / 1e3:.3g} kB and "
-        f"{1e3 * plain['seconds'] / plain['steps_written']:.3g} ms a step, {100.0 * plain['share']:.2g} % of the "
-        "processor time of the run."
+        f"{1e3 * plain['seconds'] / plain['steps_written']:.3g} ms a step, {plain['share']:.2g} times the "
+        "processor time of the run without them."
     ]
     said += [
         f"Compression {name!r}: {row['count'] / plain['count']:.2g} of the size in "
