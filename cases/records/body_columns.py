@@ -20,7 +20,7 @@ class BodyColumns:
     """
 
     def __init__(self, program: LoadProgram | None) -> None:
-        self._rigid = [] if program is None else program.tied_boundaries
+        self._rigid = [] if program is None else list(program.contacts)
         self._springs = [] if program is None else program.spring_boundaries
         self._controlled = program is not None and program.controlled
         self.names = [

@@ -34,7 +34,7 @@ def rigid_bodies(
 ) -> dict[str, tuple[float, ...]]:
     """Motion, force and moment of each body, see `StepResult`; of a boundary that is not tied now what fits best."""
     found: dict[str, tuple[float, ...]] = {}
-    for name in program.tied_boundaries:
+    for name in program.contacts:
         contact = program.contact(name, index)
         terms = program.terms[index]
         own = program.forces(index, tuple(start.load_factors)).of_body(

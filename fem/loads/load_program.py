@@ -128,6 +128,8 @@ class LoadProgram:
     Attributes
     ----------
     terms : list of StageTerms
+    contacts : dict of str to Contact
+        Boundaries that are tied to a rigid body in some stage, with their first one.
 
     Raises
     ------
@@ -140,6 +142,7 @@ class LoadProgram:
     def __init__(self, space: Space, stages: Sequence[Stage]) -> None:
         check_stages(stages)
         self.terms: list[StageTerms] = []
+        self.contacts: dict[str, Contact] = {}
         self._bodies: dict[str, list[tuple[int, Contact]]] = {}
         constraints: dict[Key, Constraint] = {}
         ties: dict[str, Tie] = {}
@@ -175,6 +178,7 @@ class LoadProgram:
             else:
                 constraints, ties, springs = named.constraints, named.ties, named.springs
             for name, tie in named.ties.items():
+                self.contacts.setdefault(name, tie.contact)
                 self._bodies.setdefault(name, []).append((len(self.terms), tie.contact))
             self._forces.add(stage, named.forces, spaces)
             constrained, target, moving = merged(space, stage, present(body, constraints), known)
@@ -278,11 +282,6 @@ class LoadProgram:
     def controlled(self) -> bool:
         """Whether a stage has a control."""
         return any(terms.led is not None for terms in self.terms)
-
-    @property
-    def tied_boundaries(self) -> list[str]:
-        """Boundaries that are tied to a rigid body in some stage."""
-        return list(self._bodies)
 
     def contact(self, name: str, index: int) -> Contact:
         """Body of a boundary in a stage; where it is not tied then the one to come, or else the one that was last."""
