@@ -1,8 +1,13 @@
 """Who computes: options of all commands that carry out many pieces of work, and threads of any."""
 
-from typing import Annotated, Optional
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
+
+if TYPE_CHECKING:
+    from granfabric.cases.engine.choice import Choice
 
 
 def _limit(number: Optional[int]) -> Optional[int]:  # noqa: UP045
@@ -44,6 +49,14 @@ WorkersIfAskedOption = Annotated[
     Optional[int],  # noqa: UP045
     typer.Option("--workers", metavar="N", help="Processes at work side by side, 1 if not given."),
 ]
+PointWorkersOption = Annotated[
+    Optional[int],  # noqa: UP045
+    typer.Option(
+        "--workers",
+        metavar="N",
+        help="With grains at the points: processes that the points are shared out to, with --threads each (1).",
+    ),
+]
 MapWorkersOption = Annotated[
     Optional[int],  # noqa: UP045
     typer.Option(
@@ -61,3 +74,12 @@ SchedulerOption = Annotated[
         help="Workers of Dask instead, of the scheduler at this address, such as tcp://HOST:8786.",
     ),
 ]
+
+
+def asked_choice(workers: int | None, scheduler: str | None, threads: int | None) -> Choice | None:
+    """Workers, if any were asked for."""
+    if workers is None and scheduler is None:
+        return None
+    from granfabric.cases.engine.choice import Choice
+
+    return Choice(workers, scheduler, threads)

@@ -154,8 +154,14 @@ def _refuse_too_many(loaded: LoadedScene, disks: int, points: int) -> None:
     memory.refuse_beyond(needed, f"{loaded.file}: {points} points with {disks} disks each")
 
 
-def with_grains(loaded: LoadedScene, prepared: Prepared, screen: Screen, stop: Callable[[], bool]) -> Prepared:
-    """The problem with grains at its points.
+def with_grains(
+    loaded: LoadedScene,
+    prepared: Prepared,
+    screen: Screen,
+    stop: Callable[[], bool],
+    spread: Callable[[GrainsLaw, Array], tuple[GrainsLaw, Array]] = lambda law, state: (law, state),
+) -> Prepared:
+    """The problem with grains at its points, which `spread` may share out to workers.
 
     Raises
     ------
@@ -163,7 +169,7 @@ def with_grains(loaded: LoadedScene, prepared: Prepared, screen: Screen, stop: C
         As `grains_law`.
     """
     problem = prepared.problem
-    law, state = grains_law(loaded, problem.initial_stress, screen, stop)
+    law, state = spread(*grains_law(loaded, problem.initial_stress, screen, stop))
     try:
         made = Problem(
             problem.space,

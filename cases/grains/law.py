@@ -87,6 +87,8 @@ class GrainsLaw:
     stop : callable, optional
         Asked before each point within a call whether to leave it.
     work : Work
+    steps_of_last : ndarray of int64, shape (npt,)
+        Steps of the motion that the points took in the last call.
 
     Raises
     ------
@@ -121,6 +123,12 @@ class GrainsLaw:
         hidden = Variable("packing", "the packing itself", "m", packing_columns.width(self.disks), hidden=True)
         self._description = LawDescription("grains", (*MEASURED, hidden), ())
         self.work = Work()
+        self.steps_of_last = np.zeros(0, dtype=np.int64)
+
+    @property
+    def recipe(self) -> tuple[list[Sample], Pace, bool, float | None]:
+        """Packings, pace, whether the tangent is a secant, and lost pressure: what makes the same law elsewhere."""
+        return self._packings, self.pace, self._secant, self._lost
 
     @property
     def description(self) -> LawDescription:
@@ -231,6 +239,7 @@ class GrainsLaw:
             return True
 
         self._each(one, npoints)
+        self.steps_of_last = steps
         self.work = Work(self.work.steps + int(steps.sum()), self.work.calls + 1)
         ones = np.ones(npoints, dtype=np.int32)
         failed = bool((status > Status.LIMITED).any())
