@@ -70,6 +70,7 @@ class SpreadGrainsLaw(GrainsLaw):
         self._initial: dict[int, Array] = {}
         self._kept: dict[int, dict[int, Array]] = {}
         self._seen = np.empty((0, 2), dtype=np.int64)
+        self._sent: set[int] = set()
         self._last: dict[int, tuple[Tickets, Array, Tickets]] = {}
 
     @property
@@ -155,8 +156,11 @@ class SpreadGrainsLaw(GrainsLaw):
         tickets = _tickets(arrays.state_start)
         self._begin_from(tickets)
         shares = self._shares(tickets)
+        sound = np.isfinite(arrays.stress_start).all(axis=1)
+        # workers do without the stress, and a point without a sound one is not strained
+        increment = arrays.increment if sound.all() else np.where(sound[:, None], arrays.increment, np.nan)
         questions = {
-            place: ("advance", (tickets[points], arrays.increment[points], wanted, tangent_kind))
+            place: ("advance", (tickets[points], increment[points], wanted, tangent_kind))
             for place, points in shares.items()
         }
         told = self.on_points or (lambda done, total: None)
@@ -167,20 +171,18 @@ class SpreadGrainsLaw(GrainsLaw):
         answers = self._asked(questions, advance)
         status, steps = np.zeros(npoints, dtype=np.int8), np.zeros(npoints, dtype=np.int64)
         arrays.stress_end[:], arrays.state_end[:] = arrays.stress_start, arrays.state_start
-        sound = np.isfinite(arrays.stress_start).all(axis=1)
         for place, points in shares.items():
             answer: Answer = answers[place]
             status[points], steps[points] = answer.status, answer.steps
             if wanted:
                 arrays.tangent[points] = answer.tangent
-            moved = sound[points] & (answer.status <= Status.LIMITED) & arrays.increment[points].any(axis=1)
+            moved = (answer.status <= Status.LIMITED) & increment[points].any(axis=1)
             there = points[moved]
             arrays.stress_end[there] = arrays.stress_start[there] + answer.change[moved]
             arrays.state_end[there, :MEASURES] = answer.measured[moved]
-            ends = after(tickets[points], arrays.increment[points], answer.status)
+            ends = after(tickets[points], increment[points], answer.status)
             arrays.state_end[there, MEASURES:] = ends[moved]
-            self._last[place] = (tickets[points], arrays.increment[points].copy(), ends)
-        status[~sound] = Status.NOT_FINITE
+            self._last[place] = (tickets[points], increment[points], ends)
         self.work = Work(self.work.steps + int(steps.sum()), self.work.calls + 1)
         ones = np.ones(npoints, dtype=np.int32)
         failed = bool((status > Status.LIMITED).any())
@@ -251,7 +253,12 @@ class SpreadGrainsLaw(GrainsLaw):
         for home, digest in listed(tickets):
             known = self._kept.get(home, {})
             if len(known) > 1:
-                self._kept[home] = {digest: known[digest]}
+                self._kept[home] = {digest: known[digest]} if digest in known else {}
+        new = np.array([home not in self._sent for home in tickets[:, 0].tolist()])
+        if new.any():
+            self._sent.update(tickets[new, 0].tolist())
+            for place, points in self._shares(tickets[new]).items():
+                self._provide(place, tickets[new][points])
         self._seen = tickets
 
     def _secure(self, tickets: Tickets) -> None:
