@@ -164,6 +164,8 @@ class SpreadGrainsLaw(GrainsLaw):
             for place, points in shares.items()
         }
         told = self.on_points or (lambda done, total: None)
+        if self.stop is not None and self.stop():
+            raise KeyboardInterrupt
 
         def advance(fractions: Mapping[int, float]) -> None:
             told(round(sum(fractions.get(place, 0.0) * len(points) for place, points in shares.items())), npoints)
