@@ -16,14 +16,7 @@ import typer
 
 from granfabric.cases.errors import InputError, RunError
 
-from .engine_options import (
-    MapWorkersOption,
-    PointWorkersOption,
-    SchedulerOption,
-    ThreadsEachOption,
-    ThreadsOption,
-    asked_choice,
-)
+from .engine_options import MapWorkersOption, PointWorkersOption, SchedulerOption, ThreadsEachOption, ThreadsOption
 from .fit_options import CurvesArgument, DataOption, DataSetOption, FitOutputOption, FreeOption, MaterialFileOption
 from .hosts import HostOption, assists, leading
 from .picture_options import add_to, exit_by
@@ -172,6 +165,7 @@ def run(
     if assists(host):
         return
     with leading(host) as team, early_kernels() as kernels, _speaking(quiet, verbose) as screen:
+        from granfabric.cases.engine.choice import asked_for
         from granfabric.cases.scene import build
         from granfabric.cases.scene.reader import load
 
@@ -183,7 +177,7 @@ def run(
         loaded.require("field")
         kernels.start(build.kernels(loaded)[:1])
         accuracy_report.announce(loaded, screen)
-        choice = asked_choice(workers, scheduler, threads)
+        choice = asked_for(workers, scheduler, threads)
         record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels, overwrite, team, choice)
         while upgrade and record.outcome == "finished" and record.details.get("upgrade"):
             loaded = _upgraded(scene, given, record, screen)

@@ -1,13 +1,8 @@
 """Who computes: options of all commands that carry out many pieces of work, and threads of any."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import Annotated, Optional
 
 import typer
-
-if TYPE_CHECKING:
-    from granfabric.cases.engine.choice import Choice
 
 
 def _limit(number: Optional[int]) -> Optional[int]:  # noqa: UP045
@@ -74,12 +69,3 @@ SchedulerOption = Annotated[
         help="Workers of Dask instead, of the scheduler at this address, such as tcp://HOST:8786.",
     ),
 ]
-
-
-def asked_choice(workers: int | None, scheduler: str | None, threads: int | None) -> Choice | None:
-    """Workers, if any were asked for."""
-    if workers is None and scheduler is None:
-        return None
-    from granfabric.cases.engine.choice import Choice
-
-    return Choice(workers, scheduler, threads)

@@ -115,3 +115,8 @@ class Choice:
             return
         with LocalCrew(min(self.workers or 1, most), part, threads) as near:
             yield near
+
+
+def asked_for(workers: int | None, scheduler: str | None, threads: int | None) -> Choice | None:
+    """Workers, if any were asked for."""
+    return None if workers is None and scheduler is None else Choice(workers, scheduler, threads)

@@ -1,4 +1,4 @@
-"""Parts that are held by workers of a Dask scheduler, as its actors: what they are asked does not pass the scheduler."""
+"""Parts that are held by workers of Dask, as its actors: what they are asked does not pass the scheduler."""
 
 from __future__ import annotations
 

@@ -145,16 +145,16 @@ class Block:
         tangent = np.empty((len(start), 3, 3)) if wanted else None
         self._law.on_points = lambda done, total: report(done / total)
         self._law.stop = stop
-        steps = np.zeros(len(start), dtype=np.int64)
         try:
             status = self._law.update(increments, none, start, change, end, tangent, kind).status
         except KeyboardInterrupt:
             return None
-        steps[:] = self._law.steps_of_last
+        steps = self._law.steps_of_last
         ends = after(tickets, increments, status)
         self._forget(tickets, ends)
         self._keep(ends, end)
-        return Answer(change, end[:, :MEASURES].copy(), np.empty((0, 3, 3)) if tangent is None else tangent, status, steps)
+        found = np.empty((0, 3, 3)) if tangent is None else tangent
+        return Answer(change, end[:, :MEASURES].copy(), found, status, steps)
 
     def _forget(self, starts: Tickets, ends: Tickets) -> None:
         used = {*listed(starts), *listed(ends)}

@@ -79,6 +79,8 @@ class GrainsLaw:
         Points at work side by side, as many as numba may use if not given; the same bits for any number.
     lost_pressure : float, optional
         Mean pressure below which a packing carries nothing [Pa]; a hundredth of the one it began with if not given.
+    under : callable, optional
+        Gives packing number i loaded to a stress [Pa], for states under other stresses than those of the packings.
 
     Attributes
     ----------
@@ -103,6 +105,7 @@ class GrainsLaw:
         secant: bool = True,
         threads: int | None = None,
         lost_pressure: float | None = None,
+        under: Callable[[int, Array], Sample] | None = None,
     ) -> None:
         self._packings = [packing.copy() for packing in packings]
         counts = {packing.count for packing in self._packings}
@@ -115,6 +118,7 @@ class GrainsLaw:
         self._secant = secant
         self._threads = threads
         self._lost = lost_pressure
+        self.under = under
         self.on_points: Callable[[int, int], None] | None = None
         self.stop: Callable[[], bool] | None = None
         self._stiffness: dict[bytes, Array] = {}
@@ -141,7 +145,7 @@ class GrainsLaw:
         Parameters
         ----------
         stress : ndarray, shape (npt, 3)
-            That of the packings within a thousandth of the pressure, see `granfabric.cases.grains.initial`.
+            That of the packings within a thousandth of the pressure, if nobody loads them (`under`).
 
         Raises
         ------
@@ -149,7 +153,10 @@ class GrainsLaw:
             If it is another.
         """
         stress, _ = stress_and_index(stress, material_index, 1)
-        return self.rows([self._packings[point % len(self._packings)] for point in range(len(stress))], stress)
+        numbers = np.arange(len(stress)) % len(self._packings)
+        if self.under is None:
+            return self.rows([self._packings[number] for number in numbers], stress)
+        return self.rows([self.under(int(number), wanted) for number, wanted in zip(numbers, stress)], stress)
 
     def rows(self, samples: Sequence[Sample], stress: Array) -> Array:
         """State of points from packings at rest that were loaded to the stress of each point.

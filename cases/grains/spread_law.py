@@ -64,7 +64,7 @@ class SpreadGrainsLaw(GrainsLaw):
 
     def __init__(self, law: GrainsLaw, crew: Crew) -> None:
         packings, pace, secant, lost = law.recipe
-        super().__init__(packings, pace, secant, 1, lost)
+        super().__init__(packings, pace, secant, 1, lost, law.under)
         self._crew = crew
         self._homes = 0
         self._initial: dict[int, Array] = {}
@@ -91,7 +91,8 @@ class SpreadGrainsLaw(GrainsLaw):
             With tickets, which serve for as long as the law does.
         """
         state = self.adopted(rows)
-        self._initial.update({home: self._kept.pop(home)[0] for home in state[:, MEASURES].astype(int).tolist() if home})
+        homes = [home for home in state[:, MEASURES].astype(int).tolist() if home]
+        self._initial.update({home: self._kept.pop(home)[0] for home in homes})
         return state
 
     def adopted(self, rows: Array) -> Array:
@@ -197,7 +198,9 @@ class SpreadGrainsLaw(GrainsLaw):
         place = (tickets[:, 0] - 1) % self._crew.workers
         return {int(one): np.flatnonzero(place == one) for one in np.unique(place)}
 
-    def _asked(self, questions: Questions, advance: Callable[[Mapping[int, float]], None] | None = None) -> dict[int, Any]:
+    def _asked(
+        self, questions: Questions, advance: Callable[[Mapping[int, float]], None] | None = None
+    ) -> dict[int, Any]:
         """Answers of all blocks that are asked, whose first argument are tickets, whatever becomes of the workers.
 
         Raises
@@ -215,11 +218,14 @@ class SpreadGrainsLaw(GrainsLaw):
             found = self._crew.ask(left, lambda now, done=done: (advance or _nothing)({**done, **now}), stop)
             if stop() and (len(found) < len(left) or any(answer is None for answer in found.values())):
                 raise KeyboardInterrupt
-            for place, answer in found.items():
-                if isinstance(answer, Missing):
-                    self._provide(place, left[place][1][0][answer.places])
-                else:
-                    answers[place] = answer
+            missing = {
+                place: left[place][1][0][answer.places]
+                for place, answer in found.items()
+                if isinstance(answer, Missing)
+            }
+            if missing:
+                self._provide(missing)
+            answers.update({place: answer for place, answer in found.items() if place not in missing})
             lost = left.keys() - found.keys()
             losses += bool(lost)
             if losses >= ATTEMPTS:
@@ -228,24 +234,30 @@ class SpreadGrainsLaw(GrainsLaw):
                 self._crew.renew(place, stop)
         return answers
 
-    def _provide(self, place: int, tickets: Tickets) -> None:
-        """Give a worker packings that it does not hold; those of a step that are not here yet are strained again.
+    def _provide(self, wanted: Mapping[int, Tickets]) -> None:
+        """Give workers packings that they do not hold; those of a step that are not here yet are strained again.
 
         Raises
         ------
         ArrayError
             If they are those of no step that can be known.
         """
-        rows = [self._row(ticket) for ticket in listed(tickets)]
-        here = np.array([row is not None for row in rows])
-        if here.any():
-            held = np.array([row for row in rows if row is not None])
-            self._crew.ask({place: ("hold", (tickets[here], held))}, _nothing, lambda: False)
-        if not here.all():
-            before, increments, ends = self._last[place]
-            if not set(listed(tickets[~here])) <= set(listed(ends)):
-                raise ArrayError("state_start holds packings that were given up: they are not those of the last call")
-            self._asked({place: ("advance", (before, increments, False, "propagated"))})
+        held: dict[int, tuple[str, tuple[Any, ...]]] = {}
+        again: dict[int, tuple[str, tuple[Any, ...]]] = {}
+        for place, tickets in wanted.items():
+            rows = [self._row(ticket) for ticket in listed(tickets)]
+            here = np.array([row is not None for row in rows])
+            if here.any():
+                held[place] = ("hold", (tickets[here], np.array([row for row in rows if row is not None])))
+            if not here.all():
+                before, increments, ends = self._last[place]
+                if not set(listed(tickets[~here])) <= set(listed(ends)):
+                    raise ArrayError("state_start holds packings that were given up, not those of the last call")
+                again[place] = ("advance", (before, increments, False, "propagated"))
+        if held:
+            self._crew.ask(held, _nothing, lambda: False)
+        if again:
+            self._asked(again)
 
     def _begin_from(self, tickets: Tickets) -> None:
         """Have the packings here that points begin with, so that no worker is needed for them; those before may go."""
@@ -259,8 +271,7 @@ class SpreadGrainsLaw(GrainsLaw):
         new = np.array([home not in self._sent for home in tickets[:, 0].tolist()])
         if new.any():
             self._sent.update(tickets[new, 0].tolist())
-            for place, points in self._shares(tickets[new]).items():
-                self._provide(place, tickets[new][points])
+            self._provide({place: tickets[new][points] for place, points in self._shares(tickets[new]).items()})
         self._seen = tickets
 
     def _secure(self, tickets: Tickets) -> None:

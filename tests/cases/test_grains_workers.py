@@ -111,7 +111,10 @@ def test_points_that_fail_keep_what_they_had(both):
     assert np.array_equal(found[1][1:], tickets[1:])
 
 
-@pytest.mark.parametrize("when", ["before a call", "within a call", "within the next call", "before packings are asked for"])
+WHEN = ("before a call", "within a call", "within the next call", "before packings are asked for")
+
+
+@pytest.mark.parametrize("when", WHEN)
 def test_worker_that_is_killed_costs_nothing_but_time(both, crew, when):
     (here, stress, state), (shared, _, tickets) = both
     ended, asked = [], []
@@ -172,7 +175,7 @@ def test_workers_that_are_lost_again_and_again_end_the_call(both, crew):
 
 
 def test_call_is_watched_by_points_and_left(both):
-    (here, stress, state), (shared, _, tickets) = both
+    (_, stress, state), (shared, _, tickets) = both
     told = []
     shared.on_points = lambda done, total: told.append((done, total))
     call(shared, SHEAR, stress, tickets)
@@ -278,7 +281,7 @@ def test_workers_lost_for_good_end_the_run_with_what_was_reached(tmp_path, whole
     with monkeypatch.context() as patch:
         patch.setattr(SpreadGrainsLaw, "update", update)
         patch.setattr(LocalCrew, "renew", lambda crew, place, stop: None)
-        with pytest.raises(RunError, match="workers are lost again and again.*what was computed before is in"):
+        with pytest.raises(RunError, match=r"workers are lost again and again.*what was computed before is in"):
             run_field(loaded, tmp_path / "out", quiet(), choice=Choice(workers=2))
     monkeypatch.undo()
     monkeypatch.setattr(
