@@ -25,9 +25,7 @@ MAKE_SECONDS = 600.0
 
 
 @contextmanager
-def crew(
-    address: str, screen: Screen, stop: Stop, part: Part, most: int, threads: int = 1
-) -> Iterator[ClusterCrew]:
+def crew(address: str, screen: Screen, stop: Stop, part: Part, most: int, threads: int = 1) -> Iterator[ClusterCrew]:
     """Parts held by the workers of a scheduler, one each, but not more than `most`.
 
     Raises

@@ -99,9 +99,7 @@ class Block:
         """Take packings over, rows of the shape (n, nstate)."""
         self._keep(tickets, np.array(rows))
 
-    def rows(
-        self, tickets: Tickets, report: Callable[[float], None], stop: Callable[[], bool]
-    ) -> Array | Missing:
+    def rows(self, tickets: Tickets, report: Callable[[float], None], stop: Callable[[], bool]) -> Array | Missing:
         """Packings, shape (n, nstate)."""
         return self._found(tickets)
 

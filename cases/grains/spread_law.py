@@ -29,6 +29,7 @@ BLOCK = "granfabric.cases.grains.block:Block"
 """What makes the part of a worker, from `GrainsLaw.recipe` and a number of threads."""
 
 Questions = Mapping[int, tuple[str, tuple[Any, ...]]]
+Fractions = Callable[[Mapping[int, float]], None]
 
 
 class Crew(Protocol):
@@ -36,9 +37,7 @@ class Crew(Protocol):
 
     workers: int
 
-    def ask(
-        self, questions: Questions, advance: Callable[[Mapping[int, float]], None], stop: Callable[[], bool]
-    ) -> dict[int, Any]:
+    def ask(self, questions: Questions, advance: Fractions, stop: Callable[[], bool]) -> dict[int, Any]:
         """Answers of those asked; of those that are lost none."""
         ...
 
@@ -157,7 +156,7 @@ class SpreadGrainsLaw(GrainsLaw):
         tickets = _tickets(arrays.state_start)
         self._begin_from(tickets)
         shares = self._shares(tickets)
-        sound = np.isfinite(arrays.stress_start).all(axis=1)
+        sound: NDArray[np.bool_] = np.asarray(np.isfinite(arrays.stress_start).all(axis=1))
         # workers do without the stress, and a point without a sound one is not strained
         increment = arrays.increment if sound.all() else np.where(sound[:, None], arrays.increment, np.nan)
         questions = {
@@ -198,9 +197,7 @@ class SpreadGrainsLaw(GrainsLaw):
         place = (tickets[:, 0] - 1) % self._crew.workers
         return {int(one): np.flatnonzero(place == one) for one in np.unique(place)}
 
-    def _asked(
-        self, questions: Questions, advance: Callable[[Mapping[int, float]], None] | None = None
-    ) -> dict[int, Any]:
+    def _asked(self, questions: Questions, advance: Fractions | None = None) -> dict[int, Any]:
         """Answers of all blocks that are asked, whose first argument are tickets, whatever becomes of the workers.
 
         Raises
@@ -214,8 +211,7 @@ class SpreadGrainsLaw(GrainsLaw):
         losses = 0
         while len(answers) < len(questions):
             left = {place: question for place, question in questions.items() if place not in answers}
-            done = dict.fromkeys(answers, 1.0)
-            found = self._crew.ask(left, lambda now, done=done: (advance or _nothing)({**done, **now}), stop)
+            found = self._crew.ask(left, _beside(dict.fromkeys(answers, 1.0), advance or _nothing), stop)
             if stop() and (len(found) < len(left) or any(answer is None for answer in found.values())):
                 raise KeyboardInterrupt
             missing = {
@@ -285,6 +281,11 @@ class SpreadGrainsLaw(GrainsLaw):
         for place, points in shares.items():
             for (home, digest), row in zip(listed(wanted[points]), rows[place], strict=True):
                 self._kept.setdefault(home, {})[digest] = row
+
+
+def _beside(done: Mapping[int, float], advance: Fractions) -> Fractions:
+    """Tell of those that are asked together with those that have answered."""
+    return lambda now: advance({**done, **now})
 
 
 def _nothing(fractions: Mapping[int, float]) -> None:

@@ -39,9 +39,7 @@ def run(rounds: int, assignments: list[str], output: Path) -> None:
     from dask_cluster import cluster
 
     given = [word for text in [*assignments, "output.pictures=false"] for word in ("--set", text)]
-    settings = {
-        key: value for key, value in os.environ.items() if key not in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
-    }
+    settings = {key: value for key, value in os.environ.items() if key not in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")}
     with tempfile.TemporaryDirectory() as name, cluster(Path(name), 2) as dask, output.open("a", newline="") as file:
         out = Path(name) / "out"
         writer = csv.writer(file)
