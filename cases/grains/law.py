@@ -28,15 +28,13 @@ from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 
 from . import packing_columns
 from .drive import Pace, drive
+from .failures import LARGEST_INCREMENT, GrainsReport
 from .network_stiffness import network_stiffness
 
 LOST_PRESSURE = 1e-2
 """Of the pressure that a packing began with: below, it carries nothing (its unbalanced force is zero then too)."""
 CARRIED = 1e-3
 """Of the pressure: by how much the stress of a packing may be off the initial one."""
-LARGEST_INCREMENT = 5e-3
-"""Norm of the strain increment of one call above which a point asks for a smaller one: it would take minutes, and is a
-trial far off."""
 KEPT = 4096
 """Stiffnesses of start states that are remembered, if there are not more points than half of it."""
 
@@ -250,7 +248,7 @@ class GrainsLaw:
         self.work = Work(self.work.steps + int(steps.sum()), self.work.calls + 1)
         ones = np.ones(npoints, dtype=np.int32)
         failed = bool((status > Status.LIMITED).any())
-        return UpdateReport(status, ones, np.zeros_like(ones), 0.5 if failed else 1.0)
+        return GrainsReport(status, ones, np.zeros_like(ones), 0.5 if failed else 1.0)
 
     def _each(self, one: Callable[[int], bool], npoints: int) -> None:
         """All points, side by side if there are threads; told as they are done, and left when asked to stop."""
@@ -283,7 +281,7 @@ class GrainsLaw:
         if not increment.any():
             return Status.OK, 0
         if not float(np.hypot(np.hypot(*increment[:2]), increment[2])) <= LARGEST_INCREMENT:
-            return Status.NOT_CONVERGED, 0
+            return Status.TOO_MANY_SUBSTEPS, 0
         sample = self.packing(start)
         before = love_weber_stress(sample)
         try:

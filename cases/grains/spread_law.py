@@ -19,6 +19,7 @@ from granfabric.constitutive.contract import Array, LawDescription, Status, Tang
 from granfabric.dem_ref.sample.disks import Sample
 
 from .block import Answer, Missing, Ticket, Tickets, after, listed
+from .failures import GrainsReport
 from .law import MEASURED, MEASURES, GrainsLaw, Work
 
 ATTEMPTS = 5
@@ -188,7 +189,7 @@ class SpreadGrainsLaw(GrainsLaw):
         self.work = Work(self.work.steps + int(steps.sum()), self.work.calls + 1)
         ones = np.ones(npoints, dtype=np.int32)
         failed = bool((status > Status.LIMITED).any())
-        return UpdateReport(status, ones, np.zeros_like(ones), 0.5 if failed else 1.0)
+        return GrainsReport(status, ones, np.zeros_like(ones), 0.5 if failed else 1.0)
 
     def _shares(self, tickets: Tickets) -> dict[int, NDArray[np.int64]]:
         """Points of each worker that has any, by its place."""

@@ -2,6 +2,7 @@
 
     python tests/benchmarks/grains_workers.py run [--rounds 3] [--set KEY=VALUE ...] -o times.csv
     python tests/benchmarks/grains_workers.py bytes [--points 48] [--disks 400]
+    python tests/benchmarks/grains_workers.py host [--points 100000] [--workers 1000]
 
 Variants follow each other within a round, so that what else is at work on the machine meets all of them. Wall time of
 the whole command and of the law alone, processor time of the command with its processes (not of Dask's workers).
@@ -93,16 +94,64 @@ def count(points: int, disks: int) -> None:
         shared.expanded(ends)
 
 
+class Echo:
+    """Workers that take no time: what is left of a call is what the process of the host does."""
+
+    def __init__(self, workers: int) -> None:
+        self.workers, self.bytes = workers, 0
+
+    def ask(self, questions: dict, advance: object, stop: object) -> dict:
+        from granfabric.cases.grains.block import Answer
+        from granfabric.cases.grains.law import MEASURES
+
+        answers = {}
+        for place, (method, arguments) in questions.items():
+            sent = pickle.dumps((method, arguments), 5)
+            number = len(arguments[0])
+            answer = Answer(
+                np.ones((number, 3)), np.ones((number, MEASURES)), np.ones((number, 3, 3)),
+                np.zeros(number, dtype=np.int8), np.ones(number, dtype=np.int64),
+            )  # fmt: skip
+            back = pickle.dumps(answer if method == "advance" else None, 5)
+            self.bytes += len(sent) + len(back)
+            answers[place] = pickle.loads(back)
+        return answers
+
+
+def host(points: int, workers: int) -> None:
+    """Time that the host needs for a call, beside the work at the points."""
+    from granfabric.cases.grains.law import MEASURES, GrainsLaw
+    from granfabric.cases.grains.spread_law import SpreadGrainsLaw
+    from granfabric.cases.grains.store import PackingStore
+    from granfabric.dem_ref.dynamics.packing import PackingOptions
+
+    law = GrainsLaw([PackingStore(50, PackingOptions()).at_rest(1)])
+    crew = Echo(workers)
+    shared = SpreadGrainsLaw(law, crew)
+    row = law.initial_state(np.array([[-1e5, -1e5, 0.0]]))[0]
+    state = shared.begin(np.broadcast_to(row, (points, len(row))))
+    stress, tangent = np.tile([-1e5, -1e5, 0.0], (points, 1)), np.empty((points, 3, 3))
+    end, ends = np.empty_like(stress), np.empty((points, MEASURES + 2))
+    increment = np.random.default_rng(1).normal(size=(points, 3)) * 1e-6
+    for number in range(3):
+        before, since = crew.bytes, time.perf_counter()
+        shared.update(increment, stress, state, end, ends, tangent)
+        print(f"call {number + 1}: {time.perf_counter() - since:.2f} s, {(crew.bytes - before) / 1e6:.0f} MB")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("run", "bytes"))
+    parser.add_argument("what", choices=("run", "bytes", "host"))
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--set", action="append", default=[], dest="assignments")
     parser.add_argument("--points", type=int, default=48)
     parser.add_argument("--disks", type=int, default=400)
+    parser.add_argument("--workers", type=int, default=1000)
     parser.add_argument("-o", "--output", type=Path, default=Path("times.csv"))
     asked = parser.parse_args()
     if asked.what == "run":
         run(asked.rounds, asked.assignments, asked.output)
+    elif asked.what == "host":
+        host(asked.points, asked.workers)
     else:
         count(asked.points, asked.disks)
