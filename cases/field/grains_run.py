@@ -34,11 +34,11 @@ def check(loaded: LoadedScene, choice: Choice | None) -> None:
     """
     if choice is None:
         return
-    if not is_grains(loaded.scene):
+    if not is_grains(loaded.scene) or loaded.scene.kind != "field":
         asked = choice.option if choice.scheduler is None else "--scheduler"
         raise InputError(
-            f"No such option for this scene: {asked} shares out points with grains (law.kind = 'grains'); those of the "
-            "contact law are computed by the threads of one process (--threads)"
+            f"No such option for this scene: {asked} shares out the points of a field scene with grains (law.kind = "
+            "'grains'); points of the contact law are computed by the threads of one process (--threads)"
         )
     choice.check()
 

@@ -10,8 +10,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from grains_points import SHEAR, call, law, start
-from test_grains_scenes import FIELD, own_store, quiet, scene  # noqa: F401  (the fixture is for all tests here)
+from test_grains_scenes import FIELD, POINT, own_store, quiet, scene  # noqa: F401  (the fixture is for all tests here)
 
+import granfabric as gf
 from granfabric.cases.commands.point import run_point
 from granfabric.cases.commands.run import run_field
 from granfabric.cases.engine.choice import Choice
@@ -300,10 +301,21 @@ def test_workers_lost_for_good_end_the_run_with_what_was_reached(tmp_path, whole
     assert_same_files(tmp_path / "out", whole)
 
 
+def test_workers_from_python(tmp_path, whole):
+    (tmp_path / "mine.toml").write_text(FIELD)
+    results = gf.run_scene(tmp_path / "mine.toml", output=tmp_path / "out", workers=2)
+    assert results.outcome == "finished" and len(results.history) == 6
+    assert_same_files(tmp_path / "out", whole)
+    (tmp_path / "point.toml").write_text(POINT)
+    with pytest.raises(gf.InputError, match="shares out the points of a field scene with grains"):
+        gf.run_scene(tmp_path / "point.toml", output=tmp_path / "no", workers=2)
+    assert not (tmp_path / "no").exists()
+
+
 def test_workers_are_for_grains_and_checked_before_anything_runs(tmp_path, granfabric):
     for words in (("--workers", 2), ("--scheduler", "tcp://127.0.0.1:9")):
         refused = granfabric("run", "biaxial", *words, "-o", tmp_path / "out")
-        assert refused.code == 2 and f"{words[0]} shares out points with grains" in refused.err
+        assert refused.code == 2 and f"{words[0]} shares out the points of a field scene with grains" in refused.err
     for workers, said in ((0, r"--workers 0 is outside \[1, 1000\]"), (2000, "--workers 2000 is outside")):
         with pytest.raises(InputError, match=said):
             run_field(scene(tmp_path, FIELD), tmp_path / "out", quiet(), choice=Choice(workers=workers))
