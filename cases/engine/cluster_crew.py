@@ -91,7 +91,7 @@ class ClusterCrew:
         for place, worker in where.items():
             self._made += 1
             futures[place] = self._client.submit(
-                remote.HeldPart, place, self._part, self._terms, actor=True, workers=[worker],
+                remote.HeldPart, place, self._terms, actor=True, workers=[worker],
                 allow_other_workers=False, key=f"granfabric-{self._terms.session}-part-{self._made}",
             )  # fmt: skip
         since = time.monotonic()
@@ -107,18 +107,28 @@ class ClusterCrew:
                         raise RunError(f"worker {where[place]} cannot take part: {error}") from error
                 if stop():
                     raise KeyboardInterrupt
-                gone = where[place] not in self._client.nthreads()
+                gone = where[place] not in self._there()
                 if gone or time.monotonic() - since > MAKE_SECONDS:
                     raise RunError(f"worker {where[place]} was lost while it was begun")
+        with self._client.as_current():
+            made = self._answers({place: self._parts[place][2].make(self._part) for place in where}, stop)
+        for place in where.keys() - made.keys():
+            raise RunError(f"worker {where[place]} was lost while its part was made")
 
     def ask(self, questions: Mapping[int, Question], advance: Fractions, stop: Stop) -> dict[int, Any]:
         """See `Crew`."""
         self._fractions = dict.fromkeys(questions, 0.0)
-        waiting, found = {}, dict[int, Any]()
+        waiting = {}
         for place, (method, arguments) in questions.items():
             with self._client.as_current(), suppress(RuntimeError, OSError):  # a worker that is lost already
                 waiting[place] = self._parts[place][2].ask(method, arguments)
-        looked = time.monotonic()
+        return self._answers(waiting, stop, advance)
+
+    def _answers(
+        self, waiting: dict[int, Any], stop: Stop, advance: Fractions = lambda fractions: None
+    ) -> dict[int, Any]:
+        """What comes of calls of parts, by their place; of those whose worker is lost nothing."""
+        found, looked = dict[int, Any](), time.monotonic()
         while waiting:
             if stop() and not self._asked:
                 self._asked = True
@@ -128,7 +138,9 @@ class ClusterCrew:
                 looked = time.monotonic()
                 there = self._there()
                 waiting = {place: answer for place, answer in waiting.items() if self._parts[place][0] in there}
-            for place, answer in list(waiting.items()):
+            for number, (place, answer) in enumerate(list(waiting.items())):
+                if number and not answer.done():  # the first one is waited for
+                    continue
                 try:
                     ended: Ended = answer.result(timeout=POLL_SECONDS)
                 except TimeoutError:

@@ -140,7 +140,7 @@ class HeldPart:
     UnfitError
     """
 
-    def __init__(self, place: int, part: Part, terms: Terms) -> None:
+    def __init__(self, place: int, terms: Terms) -> None:
         from distributed import get_worker
 
         self._worker: Any = get_worker()
@@ -148,8 +148,17 @@ class HeldPart:
         why = refusal(terms, self._worker)
         if why:
             raise UnfitError(why)
-        kernels.make_ready(part.kernels)
-        self._part = part.make(terms.threads)
+        self._part: Any = None
+
+    def make(self, part: Part) -> Ended:
+        """Make the part, which is sent here directly."""
+        try:
+            kernels.make_ready(part.kernels)
+            with machine.threads(self._terms.threads):
+                self._part = part.make(self._terms.threads)
+            return Ended()
+        except Exception as error:
+            return Ended(error=portable(error, "a part of the work"))
 
     def ask(self, method: str, arguments: tuple[Any, ...]) -> Ended:
         """Call a method of the part."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from granfabric.cases.engine.choice import Choice
 from granfabric.cases.engine.parts import Part
-from granfabric.cases.errors import InputError
+from granfabric.cases.errors import InputError, RunError
 from granfabric.cases.grains.law import GrainsLaw
 from granfabric.cases.grains.spread_law import BLOCK, SpreadGrainsLaw
 from granfabric.cases.scene.reader import LoadedScene
@@ -76,7 +76,10 @@ def begin(
         if choice is None:
             return law, state
         part = Part(BLOCK, law.recipe, ("dem",))
-        crew = hold.enter_context(choice.crew(part, len(state), screen, stop))
+        try:
+            crew = hold.enter_context(choice.crew(part, len(state), screen, stop))
+        except KeyboardInterrupt as error:
+            raise RunError("stopped before the workers had begun; nothing was written") from error
         screen.say(f"{len(state)} points are shared out to {crew.text}")
         shared = SpreadGrainsLaw(law, crew)
         return shared, shared.begin(state)
