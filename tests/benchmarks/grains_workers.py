@@ -20,6 +20,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -97,8 +99,8 @@ def count(points: int, disks: int) -> None:
 class Echo:
     """Workers that take no time: what is left of a call is what the process of the host does."""
 
-    def __init__(self, workers: int) -> None:
-        self.workers, self.bytes = workers, 0
+    def __init__(self, workers: int, width: int) -> None:
+        self.workers, self.width, self.bytes = workers, width, 0
 
     def ask(self, questions: dict, advance: object, stop: object) -> dict:
         from granfabric.cases.grains.block import Answer
@@ -112,7 +114,8 @@ class Echo:
                 np.ones((number, 3)), np.ones((number, MEASURES)), np.ones((number, 3, 3)),
                 np.zeros(number, dtype=np.int8), np.ones(number, dtype=np.int64),
             )  # fmt: skip
-            back = pickle.dumps(answer if method == "advance" else None, 5)
+            found = {"advance": answer, "hold": None, "rows": np.ones((number if method == "rows" else 0, self.width))}
+            back = pickle.dumps(found[method], 5)
             self.bytes += len(sent) + len(back)
             answers[place] = pickle.loads(back)
         return answers
@@ -126,17 +129,24 @@ def host(points: int, workers: int) -> None:
     from granfabric.dem_ref.dynamics.packing import PackingOptions
 
     law = GrainsLaw([PackingStore(50, PackingOptions()).at_rest(1)])
-    crew = Echo(workers)
-    shared = SpreadGrainsLaw(law, crew)
     row = law.initial_state(np.array([[-1e5, -1e5, 0.0]]))[0]
+    crew = Echo(workers, len(row))
+    shared = SpreadGrainsLaw(law, crew)
     state = shared.begin(np.broadcast_to(row, (points, len(row))))
     stress, tangent = np.tile([-1e5, -1e5, 0.0], (points, 1)), np.empty((points, 3, 3))
     end, ends = np.empty_like(stress), np.empty((points, MEASURES + 2))
     increment = np.random.default_rng(1).normal(size=(points, 3)) * 1e-6
-    for number in range(3):
+
+    def timed(what: str, call: Callable[[], object]) -> None:
         before, since = crew.bytes, time.perf_counter()
-        shared.update(increment, stress, state, end, ends, tangent)
-        print(f"call {number + 1}: {time.perf_counter() - since:.2f} s, {(crew.bytes - before) / 1e6:.0f} MB")
+        call()
+        print(f"{what}: {time.perf_counter() - since:.2f} s, {(crew.bytes - before) / 1e6:.0f} MB")
+
+    for number in range(6):
+        timed(f"call {number + 1}", partial(shared.update, increment, stress, state, end, ends, tangent))
+        if number % 2:
+            timed("packings of 50 disks", partial(shared.expanded, ends))
+            state, ends = ends, state
 
 
 if __name__ == "__main__":

@@ -140,6 +140,19 @@ def test_fill_without_pressure_is_refused_by_name(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("source", ["weight", "gravity"])
+def test_ground_of_grains_begins_under_its_weight(tmp_path, source):
+    layers_file(tmp_path)
+    first, last = STAGES.split('[[stage]]\nname = "dig"')[0], STAGES.split('[output]')[1]
+    text = first.replace('boundary = "middle"', 'boundary = "top"').replace('"weight"', f'"{source}"')
+    record = run_field(scene(tmp_path, f"{text}[output]{last}"), tmp_path / "out", quiet())
+    assert record.outcome == "finished"
+    data = points(tmp_path / "out", 1)
+    stress = data.point_data["stress"]
+    np.testing.assert_allclose(stress[:, 4], -30e3 - 17e3 * (3.0 - data.points[:, 1]), rtol=2e-2)
+    np.testing.assert_allclose(stress[:, 0], 0.7 * stress[:, 4], rtol=2e-2)
+
+
 JOINED = {
     "rigid": (
         'fixed = [{ boundary = "bottom" }]\nrigid = [{ boundary = "top", rotation = "fixed", force = [0.0, -5e3] }]',
