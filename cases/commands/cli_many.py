@@ -19,7 +19,7 @@ from .cli import (
     app,
     exit_by,
 )
-from .engine_options import SchedulerOption, ThreadsEachOption, WorkersIfAskedOption, WorkersOption
+from .engine_options import SchedulerOption, ThreadsEachOption, ThreadsOption, WorkersIfAskedOption, WorkersOption
 from .sweep_options import (
     LatinOption,
     PackingSeedsOption,
@@ -42,6 +42,7 @@ def dem(
     seeds: PackingSeedsOption = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
+    threads: ThreadsOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:
@@ -54,7 +55,7 @@ def dem(
         from .seeds import refuse_without_seeds, run_seeds
 
         loaded = load(scene, assignments or [])
-        choice = Choice(workers, scheduler)
+        choice = Choice(workers, scheduler, threads)
         if seeds is not None:
             folder = _folder(output, f"{loaded.name}_seeds")
             given = assignments or []

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from dem_samples import triangular_lattice
 
+from granfabric.dem_ref.dynamics.packing import make_packing
 from granfabric.dem_ref.dynamics.relaxation import relax
-from granfabric.dem_ref.dynamics.settling import settle
+from granfabric.dem_ref.dynamics.settling import FEWEST_FOR_TWO, settle
+from granfabric.dem_ref.measures.contacts import contacts_of, unbalanced_force
 from granfabric.dem_ref.sample.disks import SampleError
 from granfabric.dem_ref.sample.neighbours import find_near_pairs
 
@@ -62,3 +64,39 @@ def test_numbers_out_of_bounds_are_refused(name, value):
     position, radius, cell = disturbed()
     with pytest.raises(SampleError, match=name):
         settle(position, radius, cell, **{"pressure": 1e-3, name: value})
+
+
+def random_disks(count: int):
+    random = np.random.default_rng(7)
+    radius = 0.5 * (0.9 + 0.2 * random.random(count))
+    cell = np.sqrt(np.pi * np.sum(radius**2) / 0.86) * np.array([[1.0, 0.0], [0.1, 1.0]])
+    return random.random((count, 2)) @ cell, radius, cell
+
+
+def test_one_and_two_threads_give_the_same_bits():
+    ends = []
+    for threads in (1, 2):
+        position, radius, cell = random_disks(FEWEST_FOR_TWO)
+        relax(position, radius, cell, 0.0, tolerance=1e-2, steps=300, fixed_cell=True)
+        settled = settle(position, radius, cell, 1e-3, steps=500, threads=threads)
+        ends.append((position, cell, settled.stress, settled.unbalanced))
+    assert all(np.array_equal(one, two) for one, two in zip(*ends))
+
+
+def test_no_force_is_lost_between_the_two_halves_of_the_disks():
+    """At rest under a pressure, forces that a sum over all pairs gives leave no disk out of balance."""
+    sample = make_packing(300, 3)
+    assert unbalanced_force(sample) < 1e-4
+    contacts = contacts_of(sample)
+    crossing = (contacts.first < 150) & (contacts.second >= 150)
+    assert crossing.sum() > 10
+
+
+def test_what_it_says_of_its_way_grows_to_one():
+    told = []
+    position, radius, cell = random_disks(FEWEST_FOR_TWO)
+    relax(position, radius, cell, 0.0, tolerance=1e-2, steps=300, fixed_cell=True)
+    settle(position, radius, cell, 1e-2, 1e-3, progress=lambda way, unbalanced: told.append((way, unbalanced)))
+    ways = [way for way, _ in told]
+    assert len(told) > 1 and ways == sorted(ways) and 0.0 <= ways[0] and ways[-1] <= 1.0
+    assert all(unbalanced > 0.0 for _, unbalanced in told)
