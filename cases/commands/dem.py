@@ -36,7 +36,6 @@ from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 COMPILATION_SECONDS = 15
 """Rough time to compile the kernels of the DEM, for the message on first use."""
 
-
 FEWEST_FOR_TWO_THREADS = 10_000
 """Disks from which on two threads pay in the loading."""
 
@@ -181,7 +180,9 @@ def _kept(folder: Path, options: RunOptions, threads: int) -> tuple[Sample | Non
     packing, checkpoint = folder / files.PACKING, folder / files.CHECKPOINT
     try:
         sample = load_sample(packing) if packing.is_file() else None
-        return sample, DemRun.resume(checkpoint, options, threads) if sample is not None and checkpoint.is_file() else None
+        if sample is None or not checkpoint.is_file():
+            return sample, None
+        return sample, DemRun.resume(checkpoint, options, threads)
     except SampleError as error:
         raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
 

@@ -1,10 +1,10 @@
 """Packings: random disks, relaxed without friction to an isotropic stress, friction switched on afterwards.
 
 Recipe: disks at random in a cell at a solid fraction above random close packing; relaxed at fixed cell; relaxed loosely
-under ten times, three times and once the target pressure with the cell free in all three strains (`relaxation`); settled
-tightly at the target pressure (`settling`). Coming from above spares the long creep of a packing that is compressed
-through the onset of rigidity, and ends at the same coordination. What settles with so little drag must begin near its
-pressure: one that springs back from ten times the pressure shakes the disks, and is denser afterwards.
+under ten times, three times and once the target pressure with the cell free in all three strains (`relaxation`);
+settled tightly at the target pressure (`settling`). Coming from above spares the long creep of a packing that is
+compressed through the onset of rigidity, and ends at the same coordination. What settles with so little drag must begin
+near its pressure: one that springs back from ten times the pressure shakes the disks, and is denser afterwards.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Two recipes for the same packings: relaxed by steps that stop uphill and pressures lowered little by little, or settled.
+"""Two recipes for the same packings: relaxed alone, at pressures lowered little by little, or settled in the end.
 
 Run with ``NUMBA_NUM_THREADS=1 python tests/benchmarks/packing_recipes.py [--count 2500] [--seeds 24] [--first 1001]``:
 a quarter of an hour. Every packing is made twice from the same seed, measured, and loaded to q/p = 0.3 at constant
@@ -32,7 +32,7 @@ CURVES = {"z": "coordination", "a_c": "fabric_anisotropy", "a_n": "normal_force_
 
 
 def relaxed_packing(count: int, seed: int, options: PackingOptions | None = None) -> Sample:
-    """From ten times the pressure downwards, every pressure relaxed, the last one to the tolerance of `make_packing`."""
+    """From ten times the pressure downwards, the last pressure relaxed to the tolerance of `make_packing`."""
     options = options or PackingOptions()
     random = np.random.default_rng(seed)
     radius = 0.5 * made.random_diameters(count, options, random)
