@@ -12,6 +12,7 @@ from granfabric.dem_ref.dynamics.settling import FEWEST_FOR_TWO, settle
 from granfabric.dem_ref.measures.contacts import contacts_of, unbalanced_force
 from granfabric.dem_ref.sample.disks import SampleError
 from granfabric.dem_ref.sample.neighbours import find_near_pairs
+from granfabric.dem_ref.threads import two_threads
 
 
 def enthalpy(position, radius, cell, pressure) -> float:
@@ -100,3 +101,17 @@ def test_what_it_says_of_its_way_grows_to_one():
     ways = [way for way, _ in told]
     assert len(told) > 1 and ways == sorted(ways) and ways[0] >= 0.0 and ways[-1] <= 1.0
     assert all(unbalanced > 0.0 for _, unbalanced in told)
+
+
+def test_who_watches_can_stop_it_and_the_threads_are_free_again():
+    class Enough(Exception):
+        pass
+
+    def stop(way, unbalanced):
+        raise Enough
+
+    position, radius, cell = random_disks(FEWEST_FOR_TWO)
+    with pytest.raises(Enough):
+        settle(position, radius, cell, 1e-3, threads=2, progress=stop)
+    with two_threads(True) as both:
+        assert both
