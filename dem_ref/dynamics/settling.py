@@ -126,7 +126,7 @@ def _move(position, velocity, dt, exx, eyy, exy):
     return fastest
 
 
-def _steps(
+def _settling_steps(
     steps, position, velocity, radius, cell, cell_velocity, first, second, code, force, pressure, room, dt, drag, out
 ):
     """Steps until `steps` are done or two disks may have come closer than the skin; returns the steps done.
@@ -196,8 +196,8 @@ def _steps(
     return done
 
 
-_settle = compiled(fastmath=_FAST)(_steps)
-_settle_two_threads = compiled(fastmath=_FAST, parallel=True)(_steps)
+_settle = compiled(fastmath=_FAST)(_settling_steps)
+_settle_two_threads = compiled(fastmath=_FAST, parallel=True)(_settling_steps)
 
 
 def settle(

@@ -22,11 +22,13 @@ from granfabric.dem_ref.dynamics.relaxation import relax
 from granfabric.dem_ref.inputs.material import measure_fabric, measure_material
 from granfabric.dem_ref.loading.path import Segment
 from granfabric.dem_ref.loading.run import DemRun, RunOptions
-from granfabric.dem_ref.measures.contacts import coordination_number
+from granfabric.dem_ref.measures.contacts import contacts_of, coordination_number
 from granfabric.dem_ref.sample.disks import Sample
 from granfabric.dem_ref.sample.neighbours import find_near_pairs
 
 OVERPRESSURE, PRESSURE_FACTOR = 10.0, 0.7
+IDLE = 1e-4
+"""Force over the mean force of a contact below which it carries nothing: a disk without load that leans on another."""
 LEVELS = (0.1, 0.2, 0.3)
 CURVES = {"z": "coordination", "a_c": "fabric_anisotropy", "a_n": "normal_force_anisotropy"}
 
@@ -67,9 +69,11 @@ RECIPES: dict[str, Callable[[int, int], Sample]] = {"relaxed": relaxed_packing, 
 def measured(sample: Sample) -> dict[str, float]:
     """Everything by which two packings are compared."""
     z = coordination_number(sample)
+    force = contacts_of(sample).normal_force
+    idle = 2.0 * np.count_nonzero(force < IDLE * force.mean()) / sample.count
     found = {
         "z, all disks": z.all_particles, "z, without rattlers": z.without_rattlers, "rattlers": z.rattler_fraction,
-        "solid fraction": sample.solid_fraction,
+        "z of idle contacts": idle, "solid fraction": sample.solid_fraction,
     }  # fmt: skip
     found |= {name.replace("_", " "): value for name, value in measure_material(sample).items()}
     found["initial a_c"] = float(np.hypot(*(entry.value for entry in measure_fabric(sample))))
