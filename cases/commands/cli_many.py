@@ -19,7 +19,7 @@ from .cli import (
     app,
     exit_by,
 )
-from .engine_options import SchedulerOption, ThreadsEachOption, ThreadsOption, WorkersIfAskedOption, WorkersOption
+from .engine_options import DemThreadsOption, SchedulerOption, ThreadsEachOption, WorkersIfAskedOption, WorkersOption
 from .sweep_options import (
     LatinOption,
     PackingSeedsOption,
@@ -42,7 +42,7 @@ def dem(
     seeds: PackingSeedsOption = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
-    threads: ThreadsOption = None,
+    threads: DemThreadsOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
 ) -> None:

@@ -6,7 +6,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 
 from granfabric.cases.errors import InputError, RunError
@@ -36,8 +35,6 @@ from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 COMPILATION_SECONDS = 15
 """Rough time to compile the kernels of the DEM, for the message on first use."""
 
-FEWEST_FOR_TWO_THREADS = 10_000
-"""Disks from which on two threads pay in the loading."""
 
 PHASES = ("packing", "measuring", "loading")
 
@@ -109,7 +106,7 @@ def run_dem(
         hold.enter_context(files.held(folder, owner, overwrite, resume))
         if resume:
             _take_over(folder, record)
-            kept = _kept(folder, options, _threads_for_loading(scene.packing.particles))
+            kept = _kept(folder, options)
         else:
             files.prepare_output(folder, owner, overwrite)
         record.write()
@@ -117,7 +114,7 @@ def run_dem(
         try:
             sample = resting(kept[0] or _packing(scene, packed, record, screen, stop, watch), record, screen)
             _measure(scene, sample, record, screen, watch)
-            run = kept[1] or DemRun(sample, options, _threads_for_loading(sample.count))
+            run = kept[1] or DemRun(sample, options)
             _load(loaded, run, sample, record, screen, stop, watch)
             if scene.measure.sliding and run.finished:
                 _measure_sliding(scene, run, record, screen)
@@ -146,15 +143,6 @@ def run_dem(
     return record
 
 
-def _threads() -> int:
-    """Threads of the DEM's kernels, which take one or two, with the same bits."""
-    return min(2, numba.get_num_threads())
-
-
-def _threads_for_loading(particles: int) -> int:
-    return _threads() if particles >= FEWEST_FOR_TWO_THREADS else 1
-
-
 def _take_over(folder: Path, record: Record) -> None:
     """Go on with the record of a folder; refuse one that holds no DEM run of the same scene."""
     earlier = files.whole_record(folder)
@@ -175,14 +163,12 @@ def _take_over(folder: Path, record: Record) -> None:
             record.details[entry] = earlier[entry]
 
 
-def _kept(folder: Path, options: RunOptions, threads: int) -> tuple[Sample | None, DemRun | None]:
+def _kept(folder: Path, options: RunOptions) -> tuple[Sample | None, DemRun | None]:
     """Packing and checkpoint of the run to go on with; refuses damaged ones before anything is changed."""
     packing, checkpoint = folder / files.PACKING, folder / files.CHECKPOINT
     try:
         sample = load_sample(packing) if packing.is_file() else None
-        if sample is None or not checkpoint.is_file():
-            return sample, None
-        return sample, DemRun.resume(checkpoint, options, threads)
+        return sample, DemRun.resume(checkpoint, options) if sample is not None and checkpoint.is_file() else None
     except SampleError as error:
         raise InputError(f"cannot go on: {error} (start anew without --resume)") from error
 
@@ -198,7 +184,7 @@ def _packing(
             if stop.requested:
                 raise _Stopped
 
-        made = prepare_packing(scene.packing.particles, scene.packing.seed, options, report, _threads())
+        made = prepare_packing(scene.packing.particles, scene.packing.seed, options, report)
     save_sample(record.folder / files.PACKING, made.sample)
     _tell_preparation(made, options, record, screen)
     return made.sample

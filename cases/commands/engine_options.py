@@ -32,6 +32,16 @@ ThreadsEachOption = Annotated[
         help="Threads of each worker for compiled kernels, 1 if not given; results do not depend on them.",
     ),
 ]
+DemThreadsOption = Annotated[
+    Optional[int],  # noqa: UP045
+    typer.Option(
+        "--threads",
+        metavar="N",
+        callback=_limit,
+        help="Cores that one packing may use, two at most; if not given, large packings take them. With --seeds those "
+        "of each worker, 1 if not given. Results do not depend on it.",
+    ),
+]
 WorkersOption = Annotated[
     Optional[int],  # noqa: UP045
     typer.Option(

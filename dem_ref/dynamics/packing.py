@@ -183,7 +183,7 @@ def make_packing(
     seed: int,
     options: PackingOptions | None = None,
     progress: Callable[[str, float], None] | None = None,
-    threads: int = 1,
+    threads: int | None = None,
 ) -> Sample:
     """A dense isotropic packing of `count` disks, compacted without friction, friction switched on afterwards.
 
@@ -195,8 +195,8 @@ def make_packing(
         Number of disks, at least 50.
     progress : callable, optional
         Called with a short text and a fraction between 0 and 1.
-    threads : int
-        1 or 2; does not change the packing.
+    threads : int, optional
+        1 or 2; does not change the packing. Whichever is faster if not given.
 
     Raises
     ------
@@ -214,7 +214,7 @@ def make_packing(
         raise SampleError(f"the number of disks is {count}, legal are whole numbers >= 50")
     count = whole("the number of disks", count, 50, MOST_DISKS)
     seed = whole("seed", seed, 0, 2**63 - 1)
-    threads = whole("threads", threads, 1, 2)
+    threads = None if threads is None else whole("threads", threads, 1, 2)
     report = progress or (lambda text, fraction: None)
     random = np.random.default_rng(seed)
     radius = 0.5 * random_diameters(int(count), options, random)

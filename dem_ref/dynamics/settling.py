@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import log, sqrt
+from time import perf_counter
 
 import numpy as np
 from numba import prange
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from granfabric.dem_ref.arrays import SampleError, changed_in_place, disks, finite, number, whole
 from granfabric.dem_ref.compilation import compiled
 from granfabric.dem_ref.sample.neighbours import find_near_pairs, most_neighbours
-from granfabric.dem_ref.threads import two_threads
+from granfabric.dem_ref.threads import Faster, two_threads
 
 from .relaxation import CONTACT_FORCE, CONTACTS, LARGEST_STEP, TRAVEL, UNBALANCED, Relaxed, into_cell
 
@@ -40,8 +41,6 @@ STEPS = 200
 """Between two looks at whether the disks are at rest."""
 SQUARES = 10
 """Steps between two sums of squared forces; the other steps are spared it."""
-FEWEST_FOR_TWO = 4000
-"""Disks from which on a second thread pays."""
 REPORTED = 5_000_000
 """Disks times steps between two reports: about a twentieth of a second."""
 
@@ -208,7 +207,7 @@ def settle(
     tolerance: float = 2e-5,
     steps: int = 400_000,
     drag: float = DRAG,
-    threads: int = 1,
+    threads: int | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> Relaxed:
     """Move disks and cell in place, from rest, until they are at rest under an isotropic pressure.
@@ -226,8 +225,8 @@ def settle(
         After which it gives up.
     drag : float
         See `DRAG`.
-    threads : int
-        1 or 2; the result is the same to the last bit. Small packings take one.
+    threads : int, optional
+        1 or 2; the result is the same to the last bit. Whichever is faster if not given (`Faster`).
     progress : callable, optional
         Called now and then with a fraction between 0 and 1 and the unbalanced force over the mean contact force.
 
@@ -249,41 +248,44 @@ def settle(
     tolerance = number("tolerance", tolerance, 0.0, 1e3)
     drag = number("drag", drag, 0.0, 0.5)
     steps = whole("steps", steps, 1)
-    threads = whole("threads", threads, 1, 2)
+    threads = None if threads is None else whole("threads", threads, 1, 2)
     velocity, force, cell_velocity = np.zeros(2 * n), np.zeros((2, 2 * n)), np.zeros(3)
     step = LARGEST_STEP * sqrt(6.0 / most_neighbours(radius))
     wanted = np.array([pressure, pressure, 0.0])
     out = np.zeros(7)
     done, width, settled = 0, FIRST_SKIN, False
     look, told, reached = HEATED, 0, 0.0
-    with two_threads(threads == 2 and n >= FEWEST_FOR_TWO) as both:
-        take_steps = _settle_two_threads if both else _settle
-        while done < steps and not settled:
-            into_cell(position, cell)
-            pairs = find_near_pairs(position, radius, cell, width)
-            code = ((pairs.image[:, 0] + 1) * 3 + pairs.image[:, 1] + 1).astype(np.uint8)
-            started, room = done, width
-            while room > 0.0 and done < steps and not settled:
-                done += take_steps(
+    faster = Faster(n)
+    while done < steps and not settled:
+        into_cell(position, cell)
+        pairs = find_near_pairs(position, radius, cell, width)
+        code = ((pairs.image[:, 0] + 1) * 3 + pairs.image[:, 1] + 1).astype(np.uint8)
+        started, room = done, width
+        while room > 0.0 and done < steps and not settled:
+            with two_threads((threads or faster.choose()) == 2) as both:
+                start = perf_counter()
+                taken = (_settle_two_threads if both else _settle)(
                     min(STEPS, steps - done), position, velocity, radius, cell, cell_velocity, pairs.first,
                     pairs.second, code, force, pressure, room, step, drag, out,
                 )  # fmt: skip
-                room -= out[TRAVEL]
-                unbalanced = float(out[UNBALANCED] / max(out[CONTACT_FORCE], 1e-300))
-                calm = out[CONTACT_FORCE] > 0.0 and unbalanced <= tolerance
-                settled = calm and bool(np.abs(out[:3] - wanted).max() <= tolerance * pressure)
-                if progress is not None and (done - told) * n >= REPORTED:
-                    told, reached = done, max(reached, _way_to(unbalanced, tolerance))
-                    progress(reached, unbalanced)
-            if done >= look:
-                look = done + HEATED
-                if unbalanced > HOT:
-                    drag = min(max(2.0 * drag, DRAG), max(drag, LARGEST_DRAG))
-            lasted = done - started
-            if lasted < 20:
-                width = min(LARGEST_SKIN, 1.5 * width)
-            elif lasted > 200:
-                width = max(LEAST_SKIN, width / 1.5)
+                faster.tell(2 if both else 1, taken, perf_counter() - start)
+            done += taken
+            room -= out[TRAVEL]
+            unbalanced = float(out[UNBALANCED] / max(out[CONTACT_FORCE], 1e-300))
+            calm = out[CONTACT_FORCE] > 0.0 and unbalanced <= tolerance
+            settled = calm and bool(np.abs(out[:3] - wanted).max() <= tolerance * pressure)
+            if progress is not None and (done - told) * n >= REPORTED:
+                told, reached = done, max(reached, _way_to(unbalanced, tolerance))
+                progress(reached, unbalanced)
+        if done >= look:
+            look = done + HEATED
+            if unbalanced > HOT:
+                drag = min(max(2.0 * drag, DRAG), max(drag, LARGEST_DRAG))
+        lasted = done - started
+        if lasted < 20:
+            width = min(LARGEST_SKIN, 1.5 * width)
+        elif lasted > 200:
+            width = max(LEAST_SKIN, width / 1.5)
     return Relaxed(done, settled, out[:3].copy(), unbalanced, int(out[CONTACTS]))
 
 

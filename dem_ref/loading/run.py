@@ -105,8 +105,8 @@ class DemRun:
     sample : Sample
         At rest; copied.
     options : RunOptions
-    threads : int
-        1 or 2; does not change the result.
+    threads : int, optional
+        1 or 2; does not change the result. Whichever is faster if not given.
     initial_pressure : float
         Pa; that of the sample if not given. A run that is gone on with may have lost it.
 
@@ -118,7 +118,9 @@ class DemRun:
         Why the last segment begun was given up.
     """
 
-    def __init__(self, sample: Sample, options: RunOptions, threads: int = 1, initial_pressure: float = 0.0) -> None:
+    def __init__(
+        self, sample: Sample, options: RunOptions, threads: int | None = None, initial_pressure: float = 0.0
+    ) -> None:
         if not options.segments:
             raise SampleError("a run needs at least one segment")
         if not (options.record_stress_ratio > 0.0 and options.record_strain > 0.0):
@@ -313,7 +315,7 @@ class DemRun:
         write_atomically(Path(path), arrays)
 
     @staticmethod
-    def resume(path: str | Path, options: RunOptions, threads: int = 1) -> DemRun:
+    def resume(path: str | Path, options: RunOptions, threads: int | None = None) -> DemRun:
         """Continue from a checkpoint.
 
         Raises

@@ -13,7 +13,7 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
-from granfabric.dem_ref.dynamics.motion import branch_vectors
+from granfabric.dem_ref.dynamics.motion import branch_vectors, lengths
 from granfabric.dem_ref.sample.disks import Sample
 
 SLIDING_FRACTION = 0.995  # of Coulomb's limit; springs and overlaps of a stored sample are half a step apart
@@ -60,7 +60,10 @@ class Contacts:
     def double_angle(self) -> NDArray[np.float64]:
         """(m, 2) array of (cos 2 theta, sin 2 theta)."""
         nx, ny = self.normal[:, 0], self.normal[:, 1]
-        return np.column_stack([nx * nx - ny * ny, 2.0 * nx * ny])
+        e = np.empty((self.count, 2))
+        e[:, 0] = nx * nx - ny * ny
+        e[:, 1] = 2.0 * nx * ny
+        return e
 
     def subset(self, mask: NDArray[np.bool_]) -> Contacts:
         """The contacts selected by a mask."""
@@ -73,20 +76,21 @@ class Contacts:
 def contacts_of(sample: Sample) -> Contacts:
     """All pairs that touch, with their forces."""
     vectors = branch_vectors(sample)
-    length = np.hypot(vectors[:, 0], vectors[:, 1])
+    length = lengths(vectors)
     pairs = sample.pairs
-    overlap = sample.radius[pairs.first] + sample.radius[pairs.second] - length
-    touch = overlap > 0.0
-    first, second = pairs.first[touch].astype(np.int64), pairs.second[touch].astype(np.int64)
+    overlap = sample.radius.take(pairs.first) + sample.radius.take(pairs.second) - length
+    touch = np.flatnonzero(overlap > 0.0)
+    first, second = pairs.first.take(touch).astype(np.int64), pairs.second.take(touch).astype(np.int64)
+    length = length.take(touch)
     kn = sample.normal_stiffness
     return Contacts(
         first,
         second,
-        pairs.image[touch],
-        vectors[touch] / length[touch, None],
-        length[touch],
-        kn * overlap[touch],
-        -kn * sample.stiffness_ratio * pairs.tangential[touch],
+        pairs.image.take(touch, axis=0),
+        vectors.take(touch, axis=0) / length[:, None],
+        length,
+        kn * overlap.take(touch),
+        -kn * sample.stiffness_ratio * pairs.tangential.take(touch),
         first * sample.count + second,
     )
 
@@ -98,7 +102,8 @@ def love_weber_stress(sample: Sample, contacts: Contacts | None = None) -> NDArr
     fx = c.normal_force * nx - c.tangential_force * ny
     fy = c.normal_force * ny + c.tangential_force * nx
     lx, ly = c.length * nx, c.length * ny
-    return -np.array([fx @ lx, fy @ ly, 0.5 * (fx @ ly + fy @ lx)]) / sample.area
+    # sums, not products: their bits do not depend on the threads of BLAS
+    return -np.array([np.sum(fx * lx), np.sum(fy * ly), 0.5 * (np.sum(fx * ly) + np.sum(fy * lx))]) / sample.area
 
 
 def bearing_particles(count: int, contacts: Contacts, minimum: int) -> NDArray[np.bool_]:
@@ -146,7 +151,9 @@ def coordination_number(sample: Sample, contacts: Contacts | None = None, minimu
 
 def fabric_tensor(contacts: Contacts) -> NDArray[np.float64]:
     """``F_ij = <n_i n_j>``, (2, 2)."""
-    return contacts.normal.T @ contacts.normal / max(contacts.count, 1)
+    nx, ny = contacts.normal[:, 0], contacts.normal[:, 1]
+    xx, xy, yy = float(np.sum(nx * nx)), float(np.sum(nx * ny)), float(np.sum(ny * ny))
+    return np.array([[xx, xy], [xy, yy]]) / max(contacts.count, 1)
 
 
 def fabric_anisotropy(contacts: Contacts) -> NDArray[np.float64]:
@@ -184,10 +191,10 @@ def force_harmonics(contacts: Contacts) -> ForceHarmonics:
     if contacts.count < HARMONICS_MINIMUM:
         return ForceHarmonics(0.0, 0.0, np.zeros(2), np.zeros(2))
     e = contacts.double_angle
-    basis = np.column_stack([np.ones(contacts.count), e])
-    matrix = basis.T @ basis
-    n0, n1, n2 = np.linalg.solve(matrix, basis.T @ contacts.normal_force)
-    _, t1, t2 = np.linalg.solve(matrix, basis.T @ contacts.tangential_force)
+    basis = (np.ones(contacts.count), e[:, 0].copy(), e[:, 1].copy())
+    matrix = np.array([[np.sum(a * b) for b in basis] for a in basis])
+    n0, n1, n2 = np.linalg.solve(matrix, [np.sum(a * contacts.normal_force) for a in basis])
+    _, t1, t2 = np.linalg.solve(matrix, [np.sum(a * contacts.tangential_force) for a in basis])
     return ForceHarmonics(
         float(n0), float(contacts.normal_force.mean()), np.array([n1, n2]) / n0, np.array([-t2, t1]) / n0
     )
@@ -208,7 +215,7 @@ def unbalanced_force(sample: Sample, contacts: Contacts | None = None) -> float:
     total = 0.0
     for along in (c.normal_force * nx - c.tangential_force * ny, c.normal_force * ny + c.tangential_force * nx):
         resultant = np.bincount(c.second, along, sample.count) - np.bincount(c.first, along, sample.count)
-        total += float(resultant @ resultant)
+        total += float(np.sum(resultant * resultant))
     return float(np.sqrt(total / sample.count) / max(float(c.normal_force.mean()), 1e-300)) if c.count else 0.0
 
 

@@ -51,9 +51,19 @@ class Matching:
     persisting_after: NDArray[np.int64]
 
 
+def _shared(before: NDArray[np.int64], after: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Places of the keys that are in both, in ascending order of the keys."""
+    if len(before) and len(after) and (np.diff(before) > 0).all() and (np.diff(after) > 0).all():
+        place = np.minimum(np.searchsorted(after, before), len(after) - 1)
+        old = np.flatnonzero(after.take(place) == before)
+        return old, place.take(old)
+    _, old, new = np.intersect1d(before, after, assume_unique=True, return_indices=True)
+    return old, new
+
+
 def match_contacts(before: Contacts, after: Contacts) -> Matching:
     """Match the contacts of two states of the same sample by their pairs."""
-    _, old, new = np.intersect1d(before.key, after.key, assume_unique=True, return_indices=True)
+    old, new = _shared(before.key, after.key)
     lost = np.ones(before.count, bool)
     lost[old] = False
     gained = np.ones(after.count, bool)
@@ -66,13 +76,14 @@ def network_change(before: Contacts, after: Contacts, particles: int) -> Network
     m = match_contacts(before, after)
     a = fabric_anisotropy(before)
     e0, e1 = before.double_angle, after.double_angle
+    turned = e1.take(m.persisting_after, axis=0) - e0.take(m.persisting_before, axis=0)
     scale = 1.0 / max(after.count, 1)
     return NetworkChange(
         2.0 * int(m.gained.sum()) / particles,
         2.0 * int(m.lost.sum()) / particles,
         scale * (2.0 * e1[m.gained] - a).sum(axis=0),
         -scale * (2.0 * e0[m.lost] - a).sum(axis=0),
-        scale * 2.0 * (e1[m.persisting_after] - e0[m.persisting_before]).sum(axis=0),
+        scale * 2.0 * np.array([turned[:, 0].sum(), turned[:, 1].sum()]),
         int(m.gained.sum()),
         int(m.lost.sum()),
         len(m.persisting_before),

@@ -81,7 +81,7 @@ def prepare_packing(
     seed: int,
     options: PackingOptions | None = None,
     progress: Progress | None = None,
-    threads: int = 1,
+    threads: int | None = None,
 ) -> Prepared:
     """A packing with the preparation that the options ask for; see `make_packing`.
 
@@ -107,7 +107,7 @@ def make_packing(
     seed: int,
     options: PackingOptions | None = None,
     progress: Progress | None = None,
-    threads: int = 1,
+    threads: int | None = None,
 ) -> Sample:
     """An isotropic packing of `count` disks, reproducible from `seed`, with friction switched on.
 
@@ -122,8 +122,8 @@ def make_packing(
     options : PackingOptions, optional
     progress : callable, optional
         Called with a short text and a fraction between 0 and 1.
-    threads : int
-        1 or 2; does not change the packing. Only what settles without friction uses two.
+    threads : int, optional
+        1 or 2; does not change the packing. Whichever is faster if not given.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def _wanted(sample: Sample, options: PackingOptions, name: str) -> float:
 
 
 def _searched(
-    count: int, seed: int, options: PackingOptions, name: str, report: Progress, threads: int
+    count: int, seed: int, options: PackingOptions, name: str, report: Progress, threads: int | None
 ) -> Prepared:
     """Halve the interval of the logarithm of the friction; what is wanted falls with it."""
     least, scatter = TOLERANCES[name]
@@ -195,7 +195,7 @@ def _searched(
 
 
 def _compacted(
-    count: int, seed: int, options: PackingOptions, friction: float, report: Progress, threads: int
+    count: int, seed: int, options: PackingOptions, friction: float, report: Progress, threads: int | None
 ) -> Sample:
     plain = replace(options, preparation_friction=None, coordination=None, solid_fraction=None)
     if friction == 0.0:

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import ast
+from pathlib import Path
+
+import numba
 import numpy as np
 import pytest
 
+from granfabric.dem_ref.dynamics import motion as motion_module
 from granfabric.dem_ref.dynamics.motion import DAMPING, STEP, Control, Motion
 from granfabric.dem_ref.loading.legs import biaxial_leg
 from granfabric.dem_ref.loading.path import Segment
 from granfabric.dem_ref.loading.run import DemRun, RunOptions, at_stress_ratios
 from granfabric.dem_ref.loading.servo import Loading, RateLimits
+from granfabric.dem_ref.measures import contacts as contacts_module
+from granfabric.dem_ref.measures import events as events_module
 from granfabric.dem_ref.measures.contacts import contacts_of, fabric_anisotropy, force_harmonics, love_weber_stress
 from granfabric.dem_ref.sample.disks import Sample, SampleError
+from granfabric.dem_ref.threads import TRIED_AGAIN, TWO_PAY, Faster
 
 PURE_SHEAR = Control(drive=np.array([2.0e-9, -2.0e-9, 0.5e-9]))
 
@@ -52,6 +60,32 @@ def test_one_and_two_threads_agree_to_the_last_bit(packing):
     a, b = sheared(packing, 3000), sheared(packing, 3000, threads=2)
     assert np.array_equal(a.sample.position, b.sample.position)
     assert np.array_equal(a.stress, b.stress) and np.array_equal(a.tally, b.tally)
+
+
+def test_threads_are_as_many_as_have_been_faster_lately(monkeypatch):
+    monkeypatch.setattr(numba, "get_num_threads", lambda: 2)
+    assert Faster(TWO_PAY - 1).choose() == 1
+    faster, seconds, taken = Faster(TWO_PAY), {1: 2.0, 2: 1.0}, []
+    for call in range(3 * TRIED_AGAIN):
+        if call == 2 * TRIED_AGAIN:  # somebody else takes a core
+            seconds[2] = 5.0
+        taken.append(faster.choose())
+        faster.tell(taken[-1], 40, seconds[taken[-1]])
+    assert taken[:2] == [2, 1] and taken[2 : 2 * TRIED_AGAIN].count(1) == 2 - 1
+    assert taken[2 * TRIED_AGAIN + 3 :].count(2) <= 2
+    monkeypatch.setattr(numba, "get_num_threads", lambda: 1)
+    assert faster.choose() == 1
+
+
+@pytest.mark.parametrize("module", [motion_module, contacts_module, events_module])
+def test_what_a_loading_calls_again_and_again_has_no_products_for_blas(module):
+    """Threads of BLAS spin on after a product of all contacts: with them, two threads of the motion were slower than
+    one, and sums of stresses had bits that depended on the number of cores."""
+    tree = ast.parse(Path(module.__file__).read_text())
+    products = [node for node in ast.walk(tree) if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult)]
+    assert not products
+    names = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    assert not names & {"dot", "vdot", "inner", "matmul", "einsum", "tensordot", "vecdot"}
 
 
 def test_periodic_images_do_not_matter(packing):

@@ -8,7 +8,7 @@ from dem_samples import triangular_lattice
 
 from granfabric.dem_ref.dynamics.packing import make_packing
 from granfabric.dem_ref.dynamics.relaxation import relax
-from granfabric.dem_ref.dynamics.settling import FEWEST_FOR_TWO, settle
+from granfabric.dem_ref.dynamics.settling import settle
 from granfabric.dem_ref.measures.contacts import contacts_of, unbalanced_force
 from granfabric.dem_ref.sample.disks import SampleError
 from granfabric.dem_ref.sample.neighbours import find_near_pairs
@@ -77,7 +77,7 @@ def random_disks(count: int):
 def test_one_and_two_threads_give_the_same_bits():
     ends = []
     for threads in (1, 2):
-        position, radius, cell = random_disks(FEWEST_FOR_TWO)
+        position, radius, cell = random_disks(2000)
         relax(position, radius, cell, 0.0, tolerance=1e-2, steps=300, fixed_cell=True)
         settled = settle(position, radius, cell, 1e-3, steps=500, threads=threads)
         ends.append((position, cell, settled.stress, settled.unbalanced))
@@ -95,7 +95,7 @@ def test_no_force_is_lost_between_the_two_halves_of_the_disks():
 
 def test_what_it_says_of_its_way_grows_to_one():
     told = []
-    position, radius, cell = random_disks(FEWEST_FOR_TWO)
+    position, radius, cell = random_disks(2000)
     relax(position, radius, cell, 0.0, tolerance=1e-2, steps=300, fixed_cell=True)
     settle(position, radius, cell, 1e-2, 1e-3, progress=lambda way, unbalanced: told.append((way, unbalanced)))
     ways = [way for way, _ in told]
@@ -110,7 +110,7 @@ def test_who_watches_can_stop_it_and_the_threads_are_free_again():
     def stop(way, unbalanced):
         raise Enough
 
-    position, radius, cell = random_disks(FEWEST_FOR_TWO)
+    position, radius, cell = random_disks(2000)
     with pytest.raises(Enough):
         settle(position, radius, cell, 1e-3, threads=2, progress=stop)
     with two_threads(True) as both:
