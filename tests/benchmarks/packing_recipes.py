@@ -75,7 +75,9 @@ def measured(sample: Sample) -> dict[str, float]:
         "z, all disks": z.all_particles, "z, without rattlers": z.without_rattlers, "rattlers": z.rattler_fraction,
         "z of idle contacts": idle, "solid fraction": sample.solid_fraction,
     }  # fmt: skip
-    found |= {name.replace("_", " "): value for name, value in measure_material(sample).items()}
+    material = measure_material(sample)
+    del material["coordination"]  # z over all disks
+    found |= {name.replace("_", " "): value for name, value in material.items()}
     found["initial a_c"] = float(np.hypot(*(entry.value for entry in measure_fabric(sample))))
     run = DemRun(sample, RunOptions((Segment(stress_ratio=LEVELS[-1]),)))
     run.execute()
