@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from granfabric.cases.errors import InputError
+from granfabric.cases.records.field_recorder import FieldRecorder
+from granfabric.cases.scene.schema import FieldOutput
 from granfabric.cases.scene.schema_law_kind import is_grains
+from granfabric.fem.equilibrium.results import RunSummary
+from granfabric.fem.equilibrium.stepping import solve
 
 if TYPE_CHECKING:
     from granfabric.fem.fenicsx.team import Team
@@ -82,8 +87,6 @@ def check(team: Team | None, loaded: Any, problem: Any) -> None:
     if is_grains(loaded.scene):
         raise loaded.error(["law", "kind"], "law.kind = 'grains' runs on the own host only; leave out --host")
     from granfabric.fem.fenicsx.distribution import DistributionError, check_space
-    from granfabric.fem.fenicsx.local_problem import refuse_unknown_loads
-    from granfabric.fem.loads.checks import LoadError
 
     solver = loaded.scene.solver.linear_solver
     if solver != "auto":
@@ -92,21 +95,28 @@ def check(team: Team | None, loaded: Any, problem: Any) -> None:
             f"solver.linear_solver = {solver!r}: the host 'fenicsx' uses the direct solver of its PETSc; leave it at "
             "'auto', or run with --host own",
         )
-    if problem.changes_body:
-        place = next(k for k, stage in enumerate(problem.stages) if stage.activate or stage.deactivate)
-        raise loaded.error(
-            ["stage", place],
-            f"{loaded.label(['stage', place])}: the host 'fenicsx' keeps the body as it is; run stages that change it "
-            "with --host own",
-        )
     try:
         check_space(problem.space)
     except DistributionError as error:
         raise loaded.error(["mesh"], f"mesh: {error}; run with --host own") from error
-    try:
-        refuse_unknown_loads(problem)
-    except LoadError as error:
-        raise loaded.error(["stage"], f"{error}; run with --host own") from error
+
+
+def in_pieces(team: Team | None) -> bool:
+    """Whether each rank writes the fields of its own cells."""
+    return team is not None and team.comm.size > 1
+
+
+def solving(team: Team | None, recorder: FieldRecorder, output: FieldOutput) -> Callable[..., RunSummary]:
+    """What runs all stages, with arguments of `granfabric.fem.equilibrium.stepping.solve`."""
+    if team is None:
+        return solve
+    if not in_pieces(team):
+        return team.solve
+    from granfabric.fem.fenicsx.pieces import PieceOutput
+
+    return partial(
+        team.solve, pieces=PieceOutput(recorder.series, output.every, output.compression, recorder.written)
+    )
 
 
 def as_data(team: Team | None) -> dict[str, Any]:

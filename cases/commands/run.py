@@ -40,7 +40,6 @@ from granfabric.fem import warm_up as fem_warm_up
 from granfabric.fem.equilibrium.checkpoint import Checkpoint, CheckpointError, CheckpointFolder
 from granfabric.fem.equilibrium.control import ControlError
 from granfabric.fem.equilibrium.results import RunSummary, StepResult
-from granfabric.fem.equilibrium.stepping import solve
 from granfabric.fem.output.fields import OutputError
 
 from . import hosts
@@ -189,6 +188,7 @@ def run_field(
                     resumed,
                     loaded.scene.output.compression,
                     prepared.probes,
+                    hosts.in_pieces(team),
                 )
                 files.remove_unfinished(folder)
                 record.write()
@@ -201,7 +201,7 @@ def run_field(
                     recorder(step)
 
                 with recorder:
-                    summary = (solve if team is None else team.solve)(
+                    summary = hosts.solving(team, recorder, loaded.scene.output)(
                         problem,
                         prepared.control,
                         on_step=on_step,

@@ -22,7 +22,8 @@ from granfabric.fem.equilibrium.initial import initial_result
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.loads.problem import Problem
 from granfabric.fem.output.compression import Compression
-from granfabric.fem.output.fields import FieldWriter, OutputError
+from granfabric.fem.output.fields import FieldWriter, Grids
+from granfabric.fem.output.series_files import OutputError, SeriesFiles
 
 from . import files
 from .background import BackgroundWriter
@@ -50,9 +51,14 @@ class FieldRecorder:
         Of the fields.
     probes : dict of str to ndarray, shape (n, 2), optional
         Places [m] by the name of a probe.
+    in_pieces : bool
+        Somebody else writes the fields, in pieces.
 
     Attributes
     ----------
+    series : SeriesFiles
+    written : int
+        Last step whose fields are written, -1 if none is.
     closing : float
         Seconds that the end waited for files.
 
@@ -74,7 +80,9 @@ class FieldRecorder:
         resumed: Checkpoint | None = None,
         compression: Compression = "none",
         probes: dict[str, NDArray[np.float64]] | None = None,
+        in_pieces: bool = False,
     ) -> None:
+        self._in_pieces, self._compression = in_pieces, compression
         self.closing = 0.0
         self._background = BackgroundWriter()
         self._folder = folder
@@ -86,10 +94,10 @@ class FieldRecorder:
         self.history = history
         if resumed is None:
             self._last = initial_result(problem)
-            self._writer = self._field_writer(problem, compression)
+            self._open_series(problem, bool(probes))
             self.history.add(self._last)
             self._write_history()
-            self._written = -1
+            self.written = -1
             self._probes = self._probe_files(problem, probes or {})
             for probe in self._probes:
                 probe.begin()
@@ -99,30 +107,36 @@ class FieldRecorder:
         # A linear problem passes over the steps between results.
         continue_history(folder, history, done, problem.law.description.linear_response)
         try:
-            self._writer = self._field_writer(problem, compression, lambda step: step <= done and self._due(step))
+            self._open_series(problem, bool(probes), lambda step: step <= done and self._due(step))
         except OutputError as error:
             raise InputError(f"cannot go on: {error}") from error
         self._probes = self._probe_files(problem, probes or {})
         for probe in self._probes:
             probe.go_on([row[0] for row in history.rows])
         self._write_history()
-        self._written = done if self._due(done) else -1
+        self.written = done if self._due(done) else -1
         self._show(self._last)
 
-    def _field_writer(
-        self, problem: Problem, compression: Compression, keep: Callable[[int], bool] | None = None
-    ) -> FieldWriter:
-        return FieldWriter(
-            self._folder, problem.space, problem.law.description, keep, problem.material_index, compression
-        )
+    def _open_series(self, problem: Problem, probed: bool, keep: Callable[[int], bool] | None = None) -> None:
+        space, law, index = problem.space, problem.law.description, problem.material_index
+        self._writer: FieldWriter | None = None
+        self._grids: Grids | None = None
+        if self._in_pieces:
+            self.series = SeriesFiles(self._folder, keep)
+            self._grids = Grids(space, law, index) if probed else None
+            return
+        self._grids = self._writer = FieldWriter(self._folder, space, law, keep, index, self._compression)
+        self.series = self._writer.series
 
     def _probe_files(self, problem: Problem, probes: dict[str, NDArray[np.float64]]) -> list[ProbeFile]:
-        law, recovery = problem.law.description, self._writer.recovery
+        if self._grids is None:
+            return []
+        law, recovery = problem.law.description, self._grids.recovery
         return [ProbeFile(self._folder, name, at, problem.space, law, recovery) for name, at in probes.items()]
 
     def __enter__(self) -> FieldRecorder:
         """Fields of the initial state, where the run begins with it."""
-        if self._last.step == 0 and self._written < 0:
+        if self._last.step == 0 and self.written < 0:
             self._write_probes(self._last)
             self._write_fields(self._last)
         return self
@@ -163,7 +177,7 @@ class FieldRecorder:
     def close(self) -> None:
         """Make sure that everything is on disk, the last step's fields too."""
         since = time.perf_counter()
-        if self._written != self._last.step:
+        if self.written != self._last.step:
             self._write_fields(self._last)
         self._background.finish()
         self.closing = time.perf_counter() - since
@@ -181,17 +195,19 @@ class FieldRecorder:
             self._background.submit(lambda: self._add_to_probes(step))
 
     def _add_to_probes(self, step: StepResult) -> None:
-        if self._writer.follow_body(step.active):
+        assert self._grids is not None
+        if self._grids.follow_body(step.active):
             for probe in self._probes:
-                probe.take_up(self._writer.space, self._writer.recovery)
-        part = self._writer.of_part(step)
+                probe.take_up(self._grids.space, self._grids.recovery)
+        part = self._grids.of_part(step)
         for probe in self._probes:
             probe.add(part)
 
     def _write_fields(self, step: StepResult) -> None:
-        at = self._places[step.stage] + step.fraction
-        self._background.submit(lambda: self._writer.write(step, at))
-        self._written = step.step
+        at, writer = self._places[step.stage] + step.fraction, self._writer
+        if writer is not None:
+            self._background.submit(lambda: writer.write(step, at))
+        self.written = step.step
 
 
 def continue_history(folder: Path, history: FieldHistory, last: int, gaps: bool = False) -> None:

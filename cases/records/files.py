@@ -62,7 +62,7 @@ OTHER_FORMATS = tuple(
 OWN_PATTERNS = (
     *(*OTHER_FORMATS, "map_*.pdf", "map_*.svg"),
     *(PROBES, ".granfabric-*", ".result*", ".points*"),
-    *(*CHECKPOINTS, *OF_MAP, *(f"{name}_*.vtu" for name in SERIES)),
+    *(*CHECKPOINTS, *OF_MAP, *(f"{name}_*.{kind}" for name in SERIES for kind in ("vtu", "pvtu"))),
 )
 """What a run writes; only these are removed when a result folder is used again. Not among them: what `cost` and
 `verify` keep of the DEM in `dem`, to be used again, and the studies of `cost`, whose folders nothing else replaces."""

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from granfabric.cases.errors import InputError
 from granfabric.fem.mesh.foreign_files import ForeignFileError, foreign_reader
 from granfabric.fem.output.cells import joined
+from granfabric.fem.output.merged_pieces import merged
+from granfabric.fem.output.series_files import pieces_of
 
 Array = NDArray[np.float64]
 
@@ -50,7 +52,7 @@ def _names(folder: Path, series: str) -> list[str]:
 
 def _checked(folder: Path, series: str, name: str) -> Path:
     path = folder / f"{series}.pvd"
-    if not re.fullmatch(rf"{series}_\d{{1,9}}\.vtu", name):
+    if not re.fullmatch(rf"{series}_\d{{1,9}}\.p?vtu", name):
         raise InputError(f"{path} is damaged: it names {name!r}")
     file = folder / name
     if not file.is_file():
@@ -76,7 +78,7 @@ def steps(folder: Path, series: str) -> dict[int, Path]:
 
 
 def read(file: Path, required: Sequence[str] = DRAWN) -> Any:
-    """Content of a `.vtu` as a meshio mesh.
+    """Content of a `.vtu` as a meshio mesh; of a `.pvtu` that of its pieces as if it had been written in one.
 
     Parameters
     ----------
@@ -90,9 +92,15 @@ def read(file: Path, required: Sequence[str] = DRAWN) -> Any:
         If it cannot be read.
     """
     try:
-        with foreign_reader(file.stat().st_size):
-            mesh = meshio.vtu.read(str(file))
-    except (ForeignFileError, OSError) as error:
+        pieces = [file] if file.suffix == ".vtu" else pieces_of(file)
+        parts = []
+        for piece in pieces:
+            with foreign_reader(piece.stat().st_size):
+                parts.append(meshio.vtu.read(str(piece)))
+        if not parts:
+            raise ValueError("it names no pieces")
+        mesh = parts[0] if file.suffix == ".vtu" else merged(parts)
+    except (ForeignFileError, OSError, ValueError) as error:
         raise InputError(f"{file} cannot be read: {error}") from error
     count = len(mesh.points)
     points = np.asarray(mesh.points)

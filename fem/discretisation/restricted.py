@@ -33,6 +33,15 @@ class RestrictedSpace:
 
 def restricted_space(space: Space, active: NDArray[np.bool_]) -> RestrictedSpace:
     """The part of a space that consists of its active elements, shape of the mask (nelem,)."""
+    cells = np.flatnonzero(active)
+    made = Space(restricted_mesh(space, active), space.element, space.quadrature_degree)
+    nodes = np.empty(made.nnodes, dtype=np.int64)
+    nodes[made.element_nodes] = space.element_nodes[cells]
+    return RestrictedSpace(made, cells, nodes, np.flatnonzero(active[space.point_cell]))
+
+
+def restricted_mesh(space: Space, active: NDArray[np.bool_]) -> HostMesh:
+    """Mesh of the active elements of a space, in the same order; without named boundaries."""
     host = space.host_mesh
     cells = np.flatnonzero(active)
     used, corners = np.unique(host.mesh.t[:, cells], return_inverse=True)
@@ -49,7 +58,4 @@ def restricted_space(space: Space, active: NDArray[np.bool_]) -> RestrictedSpace
     number = np.full(len(active), -1, dtype=np.int64)
     number[cells] = np.arange(len(cells))
     regions = {name: number[index[active[index]]] for name, index in host.regions.items()}
-    made = Space(HostMesh(mesh, {}, regions, curved), space.element, space.quadrature_degree)
-    nodes = np.empty(made.nnodes, dtype=np.int64)
-    nodes[made.element_nodes] = space.element_nodes[cells]
-    return RestrictedSpace(made, cells, nodes, np.flatnonzero(active[space.point_cell]))
+    return HostMesh(mesh, {}, regions, curved)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from granfabric.fem.discretisation.active_part import ActivePart
 from granfabric.fem.loads.fills import placed
 from granfabric.fem.loads.problem import Problem
 
@@ -32,7 +31,7 @@ def begin_body(system: Equilibrium, problem: Problem, index: int) -> bool:
         stress[points], state[points], strain[points] = fresh_stress, fresh_state, 0.0
         earlier = problem.program.terms[index - 1].body
         assert earlier is not None
-        system.enter(ActivePart(problem.space, body.active), stress, state, strain)
+        system.enter(system.part_of(body.active), stress, state, strain)
         system.displacement[~(body.dofs & earlier.dofs)] = 0.0
         system.refresh_internal_force()
     if terms.stage.reset_displacements:
@@ -46,4 +45,4 @@ def restore_body(system: Equilibrium, problem: Problem, index: int) -> None:
     body = problem.program.terms[index].body
     if body is None or (system.part is not None and np.array_equal(system.part.cells, np.flatnonzero(body.active))):
         return
-    system.enter(ActivePart(problem.space, body.active), problem.initial_stress, problem.initial_state, None)
+    system.enter(system.part_of(body.active), problem.initial_stress, problem.initial_state, None)

@@ -42,7 +42,7 @@ class SolverMemory:
     Parameters
     ----------
     tangent : ndarray, shape (npt, 3, 3)
-        Last converged tangent [Pa].
+        Last converged tangent [Pa]; empty if it is to be asked of the law again.
     last_correction : ndarray, shape (nfree,), optional
         Displacement increment of the step, start of the next predictor [m].
     last_increment : float
@@ -62,6 +62,11 @@ class SolverMemory:
     factor: FactorMemory
     counters: dict[str, int]
     seconds: dict[str, float]
+
+    @property
+    def has_tangent(self) -> bool:
+        """Whether the tangent is remembered."""
+        return bool(len(self.tangent))
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,6 @@ from .stage_start import (
     carried_by_ties,
     counted_anew,
     external_force,
-    led_direction,
     stage_start,
     target_displacement,
 )
@@ -65,13 +64,14 @@ class CoupledRun(Run):
         """Solvers go on as if they had never stopped."""
         system = self._system
         for name, ours, given in (
-            ("tangent", system.material.tangent_start, memory.tangent),
+            ("tangent", system.material.tangent_start, memory.tangent if memory.has_tangent else None),
             ("correction", np.empty(system.unknowns.count), memory.last_correction),
             ("matrix", np.empty(system.pattern_size()), memory.factor.values),
         ):
             if given is not None and ours.shape != given.shape:
                 raise ControlError(f"the checkpoint has a {name} of shape {given.shape}, this problem {ours.shape}")
-        system.material.tangent_start[:] = memory.tangent
+        if memory.has_tangent:
+            system.material.tangent_start[:] = memory.tangent
         system.force_scale = memory.force_scale
         self._accounting.continue_from(memory.counters, memory.seconds)
         try:
@@ -92,7 +92,7 @@ class CoupledRun(Run):
                 begin_body(system, self._problem, index)
             system.constrain(terms)
             system.material.law = self._problem.law_of(index)
-        if memory is None:
+        if memory is None or not memory.has_tangent:
             # A new stage turns the direction of loading, for which the last converged tangent is a bad guide.
             report = system.material.still_tangent(control.tangent_kind)
             if report.failed:
@@ -151,7 +151,7 @@ class CoupledRun(Run):
                 outcome = newton_step(system, prescribed, external, guess, carried)
             else:
                 assert following is not None
-                direction, at_start = led_direction(terms, start.displacement)
+                direction, at_start = terms.lead(start.displacement)
                 amount = (terms.led.target - at_start) * (end - fraction)
                 lead = Lead(direction, amount, following, load_factor)
                 outcome = led_step(system, prescribed, external, lead, carried)

@@ -8,11 +8,7 @@ fade linearly, in the stage of the excavation to ``(1 - release) R``, later to w
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from granfabric.fem.discretisation.active_part import ActivePart
-from granfabric.fem.discretisation.assembly import ForceAssembler
-from granfabric.fem.loads.fills import fill_stress
 from granfabric.fem.loads.problem import Problem
 from granfabric.fem.vectors import Array
 
@@ -52,14 +48,9 @@ def excavation_forces(
         free[terms.ties.dofs] = False  # nothing changes beside a rigid body
     before = np.zeros(space.ndofs) if held is None else np.where(free, held, 0.0)
     excavated = np.zeros(space.ndofs)
-    placing = np.zeros(space.ndofs)
-    if len(body.placed):
-        placing[:] = _force_of_fill(problem, index, body.placed)
+    placing = problem.force_of_fill(index)
     if body.changes:
-        beside = np.zeros(space.nnodes, dtype=bool)
-        beside[space.element_nodes[body.removed]] = True
-        beside[space.element_nodes[body.placed]] = True
-        missing = np.where(free & np.repeat(beside, 2), left - before, 0.0)
+        missing = np.where(free & body.beside, left - before, 0.0)
         placing = np.where(free, placing, 0.0)
         excavated = missing - placing
     kept = 1.0 - body.released
@@ -67,13 +58,3 @@ def excavation_forces(
     after = kept * whole
     fading = fading + (before + excavated - after) + placing
     return fading, after if kept > 0.0 else None
-
-
-def _force_of_fill(problem: Problem, index: int, cells: NDArray[np.int64]) -> Array:
-    """Forces that the pressure of a fill exerts on its nodes, shape (ndofs,) [N/m]."""
-    space = problem.space
-    chosen = np.zeros(space.nelements, dtype=bool)
-    chosen[cells] = True
-    part = ActivePart(space, chosen)
-    stress = np.tile(fill_stress(problem.stages[index]), (part.npoints, 1))
-    return ForceAssembler(part).internal_force(stress, np.zeros(space.ndofs))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granfabric.fem.linear_solvers.direct import FactorisationError
-from granfabric.fem.vectors import Array, dot, norm
+from granfabric.fem.vectors import Array
 
 from .newton import (
     LINE_SEARCH_CUT,
@@ -97,7 +97,7 @@ def led_step(
             outcome.reason, outcome.proposed_factor, outcome.failed_point = message, factor, point
             return outcome
         outcome.residuals.append(current.relative)
-        before = max(norm(unbalanced), current.norm)
+        before = max(system.norm(unbalanced), current.norm)
         while current.norm > current.allowed(control.tolerance):
             if outcome.iterations >= control.maximum_iterations:
                 outcome.reason = (
@@ -149,20 +149,20 @@ def _correction(
 
     def along(forces: Array, change: Array) -> float:
         """Force along the lead that is left when the unknowns have moved."""
-        if not change.any():
-            return dot(lead.direction, forces)
+        if not system.any(change):
+            return system.dot(lead.direction, forces)
         action = system.action(tangent, unknowns.expand(change, full), system.scratch)
-        return dot(lead.direction, forces) - dot(lead.direction, action)
+        return system.dot(lead.direction, forces) - system.dot(lead.direction, action)
 
     right_hand_side, response_side = unknowns.reduce(unbalanced), unknowns.reduce(lead.following)
     correction = np.zeros(unknowns.count)
-    if right_hand_side.any():
+    if system.any(right_hand_side):
         correction = system.linear_solve(right_hand_side, forcing, committed, None)
     response = np.zeros(unknowns.count)
-    if norm(response_side) > 1e-14 * norm(lead.following):
+    if system.norm(response_side) > 1e-14 * system.norm(lead.following):
         response = system.linear_solve(response_side, RESPONSE_FORCING * forcing, committed, None)
     gained = along(lead.following, response)
-    if not abs(gained) > UNMOVED * norm(lead.following) * norm(lead.direction):
+    if not abs(gained) > UNMOVED * system.norm(lead.following) * system.norm(lead.direction):
         raise UnmovedError("the loads that follow do not move what the control leads")
     change = -along(unbalanced, correction) / gained
     return correction + change * response, change

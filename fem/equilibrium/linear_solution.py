@@ -18,12 +18,12 @@ from granfabric.fem.loads.fills import placed
 from granfabric.fem.loads.load_program import StageTerms
 from granfabric.fem.loads.problem import Problem
 from granfabric.fem.loads.springs import Spring
-from granfabric.fem.vectors import Array, dot, norm
+from granfabric.fem.vectors import Array
 
 from .changing_body import begin_body
 from .residual import Equilibrium
 from .results import StageStart
-from .stage_start import counted_anew, external_force, led_direction, stage_start, target_displacement
+from .stage_start import counted_anew, external_force, stage_start, target_displacement
 
 # Relative residual of the linear solves; a direct factor reaches it in one application.
 RESIDUAL = 1e-12
@@ -263,12 +263,12 @@ class LinearSolution:
         """Displacements and load factor when the control leads one displacement to its target."""
         assert terms.led is not None and following is not None
         tangent, system = self._system.material.tangent_start, self._system
-        direction, here = led_direction(terms, self._displacement)
+        direction, here = terms.lead(self._displacement)
         change = self._solve(force, moved + (terms.led.target - here) * direction, scale)
-        missing = dot(direction, force - system.action(tangent, change, system.scratch))
+        missing = system.dot(direction, force - system.action(tangent, change, system.scratch))
         response = self._solve(following, np.zeros_like(change), scale)
-        gained = dot(direction, following - system.action(tangent, response, system.scratch))
-        if not abs(gained) > UNMOVED * norm(following) * norm(direction):
+        gained = system.dot(direction, following - system.action(tangent, response, system.scratch))
+        if not abs(gained) > UNMOVED * system.norm(following) * system.norm(direction):
             raise LinearSolutionError("the loads do not move what the control leads")
         factor = -missing / gained
         return change + factor * response, factor

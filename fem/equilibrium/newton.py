@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.fem.linear_solvers.direct import FactorisationError
-from granfabric.fem.vectors import dot
 
 if TYPE_CHECKING:
     from .residual import Equilibrium
@@ -106,7 +105,7 @@ def evaluate(
         residual = system.unknowns.reduce(external - system.internal_trial)
         size = system.norm(residual)
         if direction is not None:
-            size = float(np.hypot(size, dot(direction, external - system.internal_trial)))
+            size = float(np.hypot(size, system.dot(direction, external - system.internal_trial)))
         scale = max(system.force_scale, system.norm(system.internal_trial), system.norm(external))
         rounding = np.finfo(np.float64).eps * system.norm(system.forces.magnitude)
         floor = max(system.control.absolute_tolerance, ROUNDING_MULTIPLE * rounding)

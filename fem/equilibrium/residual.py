@@ -17,10 +17,10 @@ from granfabric.fem.linear_solvers.direct import make_solver
 from granfabric.fem.linear_solvers.tangent import FactorMemory, TangentSolver
 from granfabric.fem.loads.load_program import StageTerms
 from granfabric.fem.loads.problem import Problem
-from granfabric.fem.vectors import norm
+from granfabric.fem.vectors import dot, norm
 
 from .control import StepControl
-from .unknowns import FreeUnknowns, TiedUnknowns, Unknowns, UnknownsTangent
+from .unknowns import FreeUnknowns, Unknowns, UnknownsTangent, unknowns_of
 
 Array = NDArray[np.float64]
 Kind = TypeVar("Kind", bound=np.generic)
@@ -60,7 +60,7 @@ class Equilibrium:
         self.part: ActivePart | None = None
         self._tangent_matrix: UnknownsTangent | None = None
         body = problem.program.terms[0].body
-        part = None if body is None else ActivePart(space, body.active)
+        part = None if body is None else self.part_of(body.active)
         self.enter(part, problem.initial_stress, problem.initial_state, None)
         self.displacement = np.zeros(space.ndofs)
         self.internal_force = np.zeros(space.ndofs)
@@ -79,6 +79,10 @@ class Equilibrium:
         self._solver = TangentSolver(self._direct, accounting, control.keep_factor)
         self.force_scale = 0.0
         self.refresh_internal_force()
+
+    def part_of(self, active: NDArray[np.bool_]) -> ActivePart:
+        """The elements of a mask, shape (nelem,), as `enter` takes them."""
+        return ActivePart(self.space, active)
 
     def enter(self, part: ActivePart | None, stress: Array, state: Array, strain: Array | None) -> None:
         """Take up another part of the body, the whole if None; `constrain` has to follow before anything is solved.
@@ -125,6 +129,10 @@ class Equilibrium:
         """Euclidean norm of a vector of degrees of freedom."""
         return norm(vector)
 
+    def dot(self, first: Array, second: Array) -> float:
+        """Inner product of two vectors of degrees of freedom."""
+        return dot(first, second)
+
     def any(self, vector: Array) -> bool:
         """Whether anything in a vector differs from zero."""
         return bool(vector.any())
@@ -165,17 +173,7 @@ class Equilibrium:
         self._kind, self._ties = kind, ties
         self.constrained = terms.constrained
         self._springs = sum((matrix for _, matrix in terms.springs[1:]), terms.springs[0][1]) if springs else None
-        if terms.ties is not None:
-            self.unknowns = TiedUnknowns(terms.ties, led)
-        else:
-            mask = np.ones(self.space.ndofs, dtype=bool)
-            if self.part is not None:
-                mask[:] = False
-                mask[2 * self.part.nodes] = mask[2 * self.part.nodes + 1] = True
-            mask[terms.constrained] = False
-            if led >= 0:
-                mask[led] = False
-            self.unknowns = FreeUnknowns(np.flatnonzero(mask))
+        self.unknowns = unknowns_of(terms, self.space.ndofs)
         self._full[:] = 0.0
         self._tangent_matrix = self.unknowns.tangent(self.space if self.part is None else self.part, self._springs)
         self._solver.reset()

@@ -162,16 +162,3 @@ def carried_by_ties(terms: StageTerms, start: StageStart, fraction: float) -> Ar
     moved = terms.moved(fraction, here, target_displacement(terms, start)) - here
     increments = terms.stage.increments
     return terms.ties.carried(start.displacement, moved, lambda amplitude: amplitude.factor(fraction, increments))
-
-
-def led_direction(terms: StageTerms, displacement: Array) -> tuple[Array, float]:
-    """How the displacements move, shape (ndofs,), when what the control leads grows by one, and where it is [m]."""
-    led = terms.led
-    assert led is not None
-    if led.dof >= 0:
-        direction = np.zeros_like(displacement)
-        direction[led.dof] = 1.0
-        return direction, float(displacement[led.dof])
-    assert terms.ties is not None
-    tie = terms.ties.ties[led.tie]
-    return terms.ties.lead(led.tie), float(tie.contact.at_point(displacement)[tie.led])

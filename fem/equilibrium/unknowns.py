@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix
 
 from granfabric.fem.discretisation.active_part import Elements
 from granfabric.fem.discretisation.assembly import TangentAssembler
+from granfabric.fem.loads.load_program import StageTerms
 from granfabric.fem.loads.ties import Ties
 from granfabric.fem.vectors import Array
 
@@ -38,6 +39,23 @@ class Unknowns(Protocol):
     def tangent(self, space: Elements, springs: csr_matrix | None) -> UnknownsTangent:
         """Assembler of the tangent matrix."""
         ...
+
+
+def unknowns_of(terms: StageTerms, ndofs: int) -> Unknowns:
+    """Unknowns of a stage; what a control leads is none of them."""
+    led = -1 if terms.led is None else terms.led.dof
+    if terms.ties is not None:
+        return TiedUnknowns(terms.ties, led)
+    return FreeUnknowns(free_dofs(terms, ndofs))
+
+
+def free_dofs(terms: StageTerms, ndofs: int) -> NDArray[np.int64]:
+    """Degrees of freedom, ascending, that are there and that neither supports prescribe nor a control leads."""
+    mask = np.ones(ndofs, dtype=bool) if terms.body is None else terms.body.dofs.copy()
+    mask[terms.constrained] = False
+    if terms.led is not None and terms.led.dof >= 0:
+        mask[terms.led.dof] = False
+    return np.flatnonzero(mask)
 
 
 class FreeUnknowns:

@@ -109,14 +109,24 @@ class Distribution:
         The cells that this rank owns.
     nodes : Exchange
         Rows are nodes.
+    elements : Exchange
+        Rows are cells.
     points : Exchange
         Rows are integration points.
-    ndofs, npoints : int
+    node_numbers, cell_numbers, point_numbers : ndarray of int
+        On rank 0, of what this rank owns.
+    first_dof : int
+        dolfinx's number, over all ranks, of the first degree of freedom that this rank owns.
+    node_order, point_order : ndarray of int
+        For dolfinx's nodes and points of a cell the numbers of the own host's.
+    ndofs, nelements, npoints, points_per_cell : int
         Owned by this rank.
+    point_cell : ndarray of int, shape (npoints,)
+        Cell of each point.
     places : ndarray, shape (npoints, 2)
         [m].
-    to_own_points : ndarray of int
-        For dolfinx's points of a cell the numbers of the own host's.
+    weights : ndarray, shape (npoints,)
+        Areas of the points [m^2].
 
     Raises
     ------
@@ -132,7 +142,8 @@ class Distribution:
         order = shape.order if shape.curved else 1
         self.mesh = self._divide(space, node, order)
         self.displacements = dialect.vector_space(self.mesh, shape.order)
-        self._number(space, np.argsort(node), np.argsort(point))
+        self.node_order, self.point_order = np.argsort(node), np.argsort(point)
+        self._number(space, self.node_order, self.point_order)
 
     def _divide(self, space: Space | None, node: NDArray[np.int64], order: int) -> Any:
         # dolfinx's nodes of the geometry come first among those of the element
@@ -159,12 +170,17 @@ class Distribution:
         owned, original = numbers[: index_map.size_local], local[:number]
         self.node_numbers = owned
         self.nodes = Exchange(self.comm, owned)
-        nq = len(point)
+        self.first_dof = 2 * int(index_map.local_range[0])
+        self.cell_numbers, self.nelements = original, number
+        self.elements = Exchange(self.comm, original)
+        self.points_per_cell = nq = len(point)
+        self.point_cell = np.repeat(np.arange(number), nq)
         self.point_numbers = (original[:, None] * nq + point[None, :]).ravel()
         self.points = Exchange(self.comm, self.point_numbers)
         self.ndofs = 2 * index_map.size_local
         self.npoints = number * nq
         self.places = self.points.scatter(None if space is None else space.points, (2,))
+        self.weights = self.points.scatter(None if space is None else space.weights)
         self._check_places(space)
 
     def _check_places(self, space: Space | None) -> None:

@@ -39,6 +39,14 @@ class Exchange:
             raise RuntimeError("the parts of the ranks do not make up the whole")
         self.bytes_moved = 0
 
+    def owners(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rank of each row, and its number there; called on rank 0."""
+        assert self._order is not None
+        rank, number = np.empty(self.total, dtype=np.int64), np.empty(self.total, dtype=np.int64)
+        rank[self._order] = np.repeat(np.arange(len(self._counts)), self._counts)
+        number[self._order] = np.concatenate([np.arange(count) for count in self._counts])
+        return rank, number
+
     def scatter(self, whole: Array | None, columns: tuple[int, ...] = ()) -> Array:
         """This rank's rows of an array that rank 0 has.
 
@@ -62,17 +70,17 @@ class Exchange:
         self.bytes_moved += own.nbytes
         return own
 
-    def gather(self, own: Array) -> Array | None:
+    def gather(self, own: NDArray[Any]) -> NDArray[Any] | None:
         """All rows on rank 0, in its order; None on the others.
 
         Parameters
         ----------
-        own : ndarray, shape (own rows, ...)
+        own : ndarray of float or int8, shape (own rows, ...)
         """
-        own = np.ascontiguousarray(own, dtype=np.float64)
+        own = np.ascontiguousarray(own, dtype=np.int8 if own.dtype == np.int8 else np.float64)
         columns = own.shape[1:]
         width = int(np.prod(columns, dtype=np.int64))
-        received = np.empty((self.total, *columns)) if self._order is not None else None
+        received = np.empty((self.total, *columns), dtype=own.dtype) if self._order is not None else None
         self._comm.Gatherv(own, [received, self._widths(width)] if received is not None else None, root=0)
         self.bytes_moved += own.nbytes
         if received is None:

@@ -56,14 +56,23 @@ class QuadratureFields:
         """Something of UFL to be evaluated at the points."""
         return self._module.fem.Expression(expression, self._reference)
 
-    def evaluate(self, expression: Any, columns: int) -> Array:
-        """Its values, shape (npoints, columns)."""
-        values = dialect.evaluate(expression, self._mesh, self._cells)
-        return np.ascontiguousarray(values.reshape(self.npoints, columns), dtype=np.float64)
+    def evaluate(self, expression: Any, columns: int, cells: NDArray[np.integer] | None = None) -> Array:
+        """Its values, shape (npoints, columns), or those at the points of some cells."""
+        chosen = self._cells if cells is None else cells.astype(np.int32)
+        if not len(chosen):
+            return np.empty((0, columns))
+        values = dialect.evaluate(expression, self._mesh, chosen)
+        return np.ascontiguousarray(values.reshape(-1, columns), dtype=np.float64)
 
-    def set(self, field: Any, values: Array) -> None:
-        """Give a function the values of the points; those of ghosts are never read."""
-        field.x.array[: values.size] = values.ravel()
+    def set(self, field: Any, values: Array, points: NDArray[np.integer] | None = None) -> None:
+        """Give a function the values of the points, or of some and zero at the others; ghosts are never read."""
+        if points is None:
+            field.x.array[: values.size] = values.ravel()
+            return
+        field.x.array[:] = 0.0
+        if len(points):
+            rows = values.reshape(len(points), -1)
+            field.x.array[: self.npoints * rows.shape[1]].reshape(self.npoints, -1)[points] = rows
 
     def places(self) -> Array:
         """Coordinates of the points, shape (npoints, 2) [m]."""

@@ -12,6 +12,7 @@ from . import dialect
 from .distribution import Distribution
 from .engine import dolfinx
 from .fields import QuadratureFields
+from .part import LocalPart
 from .quadrature_law import QuadratureLaw
 
 Array = NDArray[np.float64]
@@ -31,11 +32,14 @@ class DistributedForces:
     ----------
     magnitude : ndarray, shape (ndofs,)
         After `internal_force`: an estimate of the nodal sums of the cells' absolute forces, for their rounding.
-    space : Distribution
+    space : Distribution or LocalPart
+        What of the body is there.
     """
 
     def __init__(self, distribution: Distribution) -> None:
-        self.space = distribution
+        self.space: Distribution | LocalPart = distribution
+        self._part: LocalPart | None = None
+        self._ndofs = distribution.ndofs
         module, ufl = dolfinx(), importlib.import_module("ufl")
         space = distribution.displacements
         fields = QuadratureFields(distribution.mesh, distribution.outline.quadrature_degree)
@@ -50,15 +54,20 @@ class DistributedForces:
         self._vector = module.fem.Function(space)
         self.magnitude = np.zeros(distribution.ndofs)
 
+    def enter(self, part: LocalPart | None, distribution: Distribution) -> None:
+        """From now on arrays of points are those of a part, and what is not there exerts nothing; None: the whole."""
+        self._part = part
+        self.space = distribution if part is None else part
+
     def strain(self, displacement: Array, out: Array) -> Array:
         """Strain at the points; see `ForceAssembler.strain`."""
         self._move(displacement)
-        out[:] = self._fields.evaluate(self._strain, 3)
+        out[:] = self._fields.evaluate(self._strain, 3, None if self._part is None else self._part.cells)
         return out
 
     def internal_force(self, stress: Array, out: Array) -> Array:
         """``int B^T sigma dV``; see `ForceAssembler.internal_force`."""
-        self._fields.set(self._fields.stress, stress)
+        self._set(self._fields.stress, stress)
         out[:] = self._assembled(self._force_form)
         # of the same size as the largest sum: where nodal forces balance nothing but rounding is left of them
         self.magnitude[:] = np.abs(out).max(initial=0.0)
@@ -72,7 +81,10 @@ class DistributedForces:
 
     def set_tangent(self, tangent: Array) -> None:
         """The tangent, shape (npoints, 3, 3) [Pa], of the next actions and matrices."""
-        self._fields.set(self._fields.tangent, tangent)
+        self._set(self._fields.tangent, tangent)
+
+    def _set(self, field: Any, values: Array) -> None:
+        self._fields.set(field, values, None if self._part is None else self._part.points)
 
     def action(self, displacement: Array) -> Array:
         """``int B^T D B u dV`` with the tangent that was set."""
@@ -88,4 +100,4 @@ class DistributedForces:
         vector.array[:] = 0.0
         dialect.assemble_vector(vector.array, form)
         dialect.add_from_ghosts(vector)
-        return np.array(vector.array[: self.space.ndofs])
+        return np.array(vector.array[: self._ndofs])

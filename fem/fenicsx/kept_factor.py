@@ -1,7 +1,7 @@
 """Linear solves by PETSc: a factor that is kept, as preconditioner of GMRES on the exact tangent.
 
 The rules for its renewal are those of `granfabric.fem.linear_solvers.tangent`. Prescribed degrees of freedom stay in
-the system as rows of the identity, so that its layout never changes.
+the system as rows of the identity, so that its layout stays; where rigid bodies tie some, there are other unknowns.
 """
 
 from __future__ import annotations
@@ -44,8 +44,6 @@ class KeptFactor:
     Parameters
     ----------
     comm : mpi4py.MPI.Comm
-    ndofs : int
-        Degrees of freedom that this rank owns.
     accounting : Accounting
     keep_factor : bool
         If False, every solve factorises anew.
@@ -56,24 +54,29 @@ class KeptFactor:
         Of the direct solver.
     """
 
-    def __init__(self, comm: Any, ndofs: int, accounting: Accounting, keep_factor: bool) -> None:
+    def __init__(self, comm: Any, accounting: Accounting, keep_factor: bool) -> None:
         self._petsc = importlib.import_module("petsc4py.PETSc")
+        self._comm = comm
         self._accounting = accounting
         self._keep = keep_factor
         self._context = _Action()
-        size = ((ndofs, None), (ndofs, None))
-        self._shell = self._petsc.Mat().createPython(size, self._context, comm=comm)
+        self._size = -1
+        self._make(0)
+        self._has_factor = False
+        self._excess = 0
+        self._count_when_fresh: int | None = None
+
+    def _make(self, size: int) -> None:
+        """Vectors and solver for so many unknowns of this rank."""
+        self._shell = self._petsc.Mat().createPython(((size, None), (size, None)), self._context, comm=self._comm)
         self._shell.setUp()
         self._x, self._b = self._shell.createVecs()
-        self._solver = self._petsc.KSP().create(comm)
+        self._solver = self._petsc.KSP().create(self._comm)
         self._solver.setType("fgmres")
         self._solver.setGMRESRestart(LARGEST_COUNT_FRESH)
         preconditioner = self._solver.getPC()
         preconditioner.setType("lu")
-        self.name = self._choose(preconditioner, comm.size)
-        self._has_factor = False
-        self._excess = 0
-        self._count_when_fresh: int | None = None
+        self.name = self._choose(preconditioner, self._comm.size)
 
     def _choose(self, preconditioner: Any, ranks: int) -> str:
         for name in PACKAGES[: None if ranks == 1 else -1]:
@@ -85,7 +88,10 @@ class KeptFactor:
         raise FactorisationError("this PETSc has no direct solver for several ranks (MUMPS or SuperLU_DIST)")
 
     def reset(self, constrained: NDArray[np.bool_]) -> None:
-        """Forget the factor; from now on these degrees of freedom are prescribed."""
+        """Forget the factor; from now on these of this rank's unknowns are prescribed."""
+        if self._comm.allreduce(int(len(constrained) != self._size)):
+            self._size = len(constrained)
+            self._make(self._size)
         self._context.constrained = constrained
         self._has_factor = False
         self._excess = 0
@@ -114,15 +120,15 @@ class KeptFactor:
         Parameters
         ----------
         action : callable
-            ``x -> K x`` on the degrees of freedom that this rank owns; called by all ranks together.
+            ``x -> K x`` on the unknowns that this rank owns; called by all ranks together.
         matrix : callable
             Assembles K as a PETSc matrix, prescribed rows and columns those of the identity.
-        right_hand_side : ndarray, shape (ndofs,)
+        right_hand_side : ndarray, shape (n,)
             Zero where prescribed.
         size : float
             Its norm over all ranks.
         relative_tolerance : float
-        guess : ndarray, shape (ndofs,), optional
+        guess : ndarray, shape (n,), optional
 
         Raises
         ------

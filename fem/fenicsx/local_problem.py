@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granfabric.constitutive.contract import Law
-from granfabric.fem.loads.amplitude import Amplitude
-from granfabric.fem.loads.checks import LoadError
+from granfabric.fem.loads.bodies import Body
 from granfabric.fem.loads.kinds import Stage
 from granfabric.fem.loads.load_program import StageTerms
-from granfabric.fem.loads.problem import Problem
 from granfabric.fem.loads.rigid import Contact
 from granfabric.fem.loads.stage_forces import StageForces
 
@@ -22,37 +20,82 @@ from .distribution import Distribution
 
 Array = NDArray[np.float64]
 
+LARGEST_KEPT = 2
+"""Forces that are kept, over the number of stages: what a control comes to is asked for again and again."""
+
 
 @dataclass(frozen=True)
-class _Program:
-    """What `LoadProgram` is for the own host, without rigid bodies, springs and controls."""
+class LocalBody(Body):
+    """The part of a body that a rank owns.
+
+    Parameters
+    ----------
+    of_all : bool
+        Whether the stage changes the body anywhere.
+    """
+
+    of_all: bool = False
+
+    @property
+    def changes(self) -> bool:
+        """Whether the stage changes the body, on this rank or on another one."""
+        return self.of_all
+
+
+@dataclass(frozen=True)
+class LocalTerms(StageTerms):
+    """What a rank knows of a stage; numbers are those of what it owns.
+
+    Parameters
+    ----------
+    comm : mpi4py.MPI.Comm
+    """
+
+    comm: Any = None
+
+    def lead(self, displacement: Array) -> tuple[Array, float]:
+        """See `StageTerms.lead`; made by all ranks together, one of which may own what is led."""
+        assert self.led is not None
+        if self.led.tie >= 0:
+            return super().lead(displacement)
+        direction, here = np.zeros_like(displacement), 0.0
+        if self.led.dof >= 0:
+            direction[self.led.dof], here = 1.0, float(displacement[self.led.dof])
+        return direction, float(self.comm.allreduce(here))
+
+
+@dataclass
+class LocalProgram:
+    """What `LoadProgram` is for the own host. Rank 0 tells what rigid bodies and springs do, from all of them.
+
+    Parameters
+    ----------
+    terms : list of StageTerms
+    controlled : bool
+    ask : callable
+        Number of a stage and what controls have come to before it -> the nodal forces that this rank owns; called by
+        all ranks together.
+    """
 
     terms: list[StageTerms]
-    of_stages: list[StageForces]
+    controlled: bool
+    ask: Callable[[int, tuple[float, ...]], StageForces]
     contacts: dict[str, Contact] = field(default_factory=dict)
-    spring_boundaries: list[str] = field(default_factory=list)
-    controlled: bool = False
+    _found: dict[tuple[int, tuple[float, ...]], StageForces] = field(default_factory=dict)
+
+    @property
+    def spring_boundaries(self) -> list[str]:
+        """Boundaries that have springs in some stage."""
+        return list(dict.fromkeys(spring.boundary for terms in self.terms for spring, _ in terms.springs))
 
     def forces(self, index: int, factors: Sequence[float] = ()) -> StageForces:
-        """Nodal forces of a stage that this rank owns."""
-        return self.of_stages[index]
-
-
-def refuse_unknown_loads(problem: Problem) -> None:
-    """Refuse what this host does not assemble: what couples degrees of freedom beyond the elements, changing bodies.
-
-    Raises
-    ------
-    LoadError
-    """
-    for terms in problem.program.terms:
-        if terms.body is not None and terms.body.changes:
-            raise LoadError(
-                f"stage {terms.stage.name!r} activates or deactivates regions, which the host fenicsx does not know"
-            )
-        for kind, found in (("a rigid body", terms.ties), ("springs", terms.springs), ("a control", terms.led)):
-            if found:
-                raise LoadError(f"stage {terms.stage.name!r} has {kind}, which the host fenicsx does not know")
+        """Nodal forces of a stage, see `LoadProgram.forces`."""
+        key = (index, tuple(factors)[:index])
+        if key not in self._found:
+            if len(self._found) > LARGEST_KEPT * len(self.terms):
+                self._found.clear()
+            self._found[key] = self.ask(*key)
+        return self._found[key]
 
 
 @dataclass(frozen=True)
@@ -64,121 +107,31 @@ class LocalProblem:
     space : Distribution
     law : Law
     stages : list of Stage
-        Names and increments; their loads are in `program`.
-    program : object
-        With `terms`, a `StageTerms` for each stage.
+        Names, increments and what is placed; their loads are in `program`.
+    program : LocalProgram
     initial_stress, initial_state : ndarray
     material_index : ndarray of int32, optional
     balance_initial_stress, starts_loaded : bool
+    fills : dict of int to ndarray, shape (ndofs,)
+        Forces of what a stage places, by its number.
     """
 
     space: Distribution
     law: Law
     stages: list[Stage]
-    program: _Program
+    program: LocalProgram
     initial_stress: Array
     initial_state: Array
     material_index: NDArray[np.int32] | None
     balance_initial_stress: bool
     starts_loaded: bool
+    fills: dict[int, Array]
 
     def law_of(self, index: int) -> Law:
         """The law in a stage, as `Problem.law_of` has it."""
         drained = self.stages[index].drained and hasattr(self.law, "drained")
         return self.law.drained() if drained else self.law  # type: ignore[attr-defined,no-any-return]
 
-
-def divide(distribution: Distribution, problem: Problem | None) -> LocalProblem:
-    """Give each rank its part of the problem that rank 0 has."""
-    comm = distribution.comm
-    head: Any = None
-    if problem is not None:
-        names = [
-            Stage(
-                stage.name, [], stage.increments, stage.keep, stage.drained,
-                reset_displacements=stage.reset_displacements,
-            )
-            for stage in problem.stages
-        ]  # fmt: skip
-        head = (
-            problem.law,
-            names,
-            problem.balance_initial_stress,
-            problem.starts_loaded,
-            problem.material_index is not None,
-            problem.initial_state.shape[1],
-        )
-    law, stages, balance, loaded, indexed, width = comm.bcast(head, root=0)
-    points = distribution.points
-    terms, forces = [], []
-    for number, stage in enumerate(stages):
-        whole = None if problem is None else problem.program.terms[number]
-        terms.append(_terms(distribution, stage, whole))
-        forces.append(_forces(distribution, None if problem is None else problem.program.forces(number)))
-    index = None
-    if indexed:
-        given = None if problem is None or problem.material_index is None else problem.material_index.astype(float)
-        index = points.scatter(given).astype(np.int32)
-    return LocalProblem(
-        distribution,
-        law,
-        stages,
-        _Program(terms, forces),
-        points.scatter(None if problem is None else problem.initial_stress, (3,)),
-        points.scatter(None if problem is None else problem.initial_state, (width,)),
-        index,
-        balance,
-        loaded,
-    )
-
-
-def _terms(distribution: Distribution, stage: Stage, whole: StageTerms | None) -> StageTerms:
-    def of_nodes(vector: Array | None) -> Array:
-        return distribution.nodes.scatter(None if vector is None else vector.reshape(-1, 2), (2,)).ravel()
-
-    held = target = released = None
-    if whole is not None:
-        held, target, released = (np.zeros_like(whole.force_end) for _ in range(3))
-        held[whole.constrained] = 1.0
-        target[whole.constrained] = whole.target
-        released[whole.released] = 1.0
-    mask = of_nodes(held) > 0.5
-    constrained = np.flatnonzero(mask)
-    ways: list[Amplitude] = distribution.comm.bcast(
-        None if whole is None else [amplitude for amplitude, _ in whole.moving], root=0
-    )
-    moving = []
-    for number, amplitude in enumerate(ways):
-        told = None
-        if whole is not None:
-            told = np.zeros_like(whole.force_end)
-            told[whole.constrained[whole.moving[number][1]]] = 1.0
-        moving.append((amplitude, np.flatnonzero(of_nodes(told)[constrained] > 0.5)))
-    corners = distribution.comm.bcast(None if whole is None else whole.corners, root=0)
-    part = StageTerms(
-        stage,
-        constrained,
-        of_nodes(target)[constrained],
-        np.flatnonzero(of_nodes(released) > 0.5),
-        of_nodes(None if whole is None else whole.force_start),
-        of_nodes(None if whole is None else whole.force_end),
-        tuple(moving),
-        corners,
-    )
-    return part
-
-
-def _forces(distribution: Distribution, whole: StageForces | None) -> StageForces:
-    def of_nodes(vector: Array | None) -> Array:
-        return distribution.nodes.scatter(None if vector is None else vector.reshape(-1, 2), (2,)).ravel()
-
-    start, end, ramp_end = (
-        of_nodes(None if whole is None else part)
-        for part in ((None, None, None) if whole is None else (whole.start, whole.end, whole.ramp_end))
-    )
-    ways = distribution.comm.bcast(None if whole is None else [amplitude for amplitude, _ in whole.varying], root=0)
-    varying = tuple(
-        (amplitude, of_nodes(None if whole is None else whole.varying[number][1]))
-        for number, amplitude in enumerate(ways)
-    )
-    return StageForces(start, end, ramp_end, varying)
+    def force_of_fill(self, index: int) -> Array:
+        """See `Problem.force_of_fill`."""
+        return self.fills[index] if index in self.fills else np.zeros(self.space.ndofs)

@@ -62,9 +62,18 @@ class DistributedMaterial(QuadratureMaterial):
     comm : mpi4py.MPI.Comm
     """
 
-    def __init__(self, comm: Any, law: Any, forces: DistributedForces, stress: Array, state: Array,
-                 accounting: Accounting, material_index: NDArray[np.int32] | None) -> None:  # fmt: skip
-        super().__init__(law, forces, stress, state, accounting, material_index=material_index)  # type: ignore[arg-type]
+    def __init__(
+        self,
+        comm: Any,
+        law: Any,
+        forces: DistributedForces,
+        stress: Array,
+        state: Array,
+        accounting: Accounting,
+        strain: Array | None,
+        material_index: NDArray[np.int32] | None,
+    ) -> None:
+        super().__init__(law, forces, stress, state, accounting, strain, material_index)  # type: ignore[arg-type]
         self._comm = comm
         self._numbers = forces.space.point_numbers
 

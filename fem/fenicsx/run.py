@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,18 +13,18 @@ from numpy.typing import NDArray
 
 from granfabric.fem.equilibrium.bands import band_fraction
 from granfabric.fem.equilibrium.checkpoint import Checkpoint, SolverMemory
-from granfabric.fem.equilibrium.control import ControlError
 from granfabric.fem.equilibrium.coupled import CoupledRun
 from granfabric.fem.equilibrium.initial import boundary_sums, named_nodes
 from granfabric.fem.equilibrium.residual import Equilibrium
 from granfabric.fem.equilibrium.results import FailedPoint, StageStart, StepResult
 from granfabric.fem.equilibrium.run import Run
+from granfabric.fem.equilibrium.tied_results import rigid_bodies, spring_forces
 from granfabric.fem.equilibrium.uncoupled import UncoupledRun
 from granfabric.fem.linear_solvers.tangent import FactorMemory
 from granfabric.fem.loads.problem import Problem
 
-from .local_problem import LocalProblem
 from .material import ReducedReport
+from .pieces import PieceWriter
 from .system import DistributedEquilibrium
 
 Array = NDArray[np.float64]
@@ -71,7 +72,8 @@ class _Collected(Run):
         found = None
         if self._comm.rank == report.worst_rank:
             material, local = self._system.material, report.worst_local
-            x, y = self._problem.space.places[local]
+            part = self._system.part
+            x, y = self._problem.space.places[local if part is None else part.points[local]]
             found = FailedPoint(
                 report.worst_number,
                 (float(x), float(y)),
@@ -89,6 +91,9 @@ class _Collected(Run):
         with self._accounting.phase("state"):
             made = result()
             remembered = memory() if self.checkpoints else None
+        if self.pieces is not None and self._own is not None:
+            with self._accounting.phase("output"):
+                self.pieces(self._own)
         error: BaseException | None = None
         with self._accounting.phase("output"):
             if self.whole is not None:
@@ -107,150 +112,100 @@ class _Collected(Run):
             raise CallbackError
 
     checkpoints: bool = False
+    pieces: PieceWriter | None = None
+    _own: StepResult | None = None
     _last_start: tuple[StageStart, StageStart] | None = None
 
     def _of_nodes(self, own: Array) -> Array:
         whole = self._problem.space.nodes.gather(own.reshape(-1, 2))
         return np.empty(0) if whole is None else whole.ravel()
 
-    def _of_points(self, own: Array) -> Array:
+    def _of_points(self, own: NDArray[Any]) -> NDArray[Any]:
         whole = self._problem.space.points.gather(own)
-        return np.empty((0, *own.shape[1:])) if whole is None else whole
+        return np.empty((0, *own.shape[1:]), dtype=own.dtype) if whole is None else whole
+
+    _supported: tuple[int, NDArray[np.int64], Any] = (-1, np.empty(0, dtype=np.int64), None)
+
+    def _of_supports(self, index: int, own: Array) -> Array:
+        """Forces of the supports: of the few degrees of freedom that have some, which are told once a stage."""
+        space = self._problem.space
+        if self._supported[0] != index:
+            terms = self._problem.program.terms[index]
+            dofs = terms.constrained if terms.ties is None else np.union1d(terms.constrained, terms.ties.dofs)
+            numbers = 2 * space.node_numbers[dofs // 2] + dofs % 2
+            self._supported = index, dofs, self._comm.gather(numbers, root=0)
+        _, dofs, numbers = self._supported
+        told = self._comm.gather(own[dofs], root=0)
+        space.nodes.bytes_moved += own[dofs].nbytes
+        if told is None:
+            return np.empty(0)
+        whole = np.zeros(2 * space.nodes.total)
+        for places, values in zip(numbers, told):
+            whole[places] = values
+        return whole
 
     def _result(self, index: int, start: StageStart, *arguments: Any) -> StepResult:
-        own = super()._result(index, start, *arguments)
+        own = self._own = super()._result(index, start, *arguments)
         # what a stage remembers stays the same over its steps
         if self._last_start is None or self._last_start[0] is not start:
-            parts = (self._of_nodes(part) for part in (start.displacement, start.fading, start.reference))
-            self._last_start = (start, StageStart(*parts))
-        system, terms = self._system, self._problem.program.terms[index]
-        external = arguments[3]
-        support = np.zeros(self._problem.space.ndofs)
-        support[terms.constrained] = (system.internal_force - external)[terms.constrained]
-        forces = self._of_nodes(support)
-        reactions: dict[str, tuple[float, float]] = {}
+            self._last_start = (start, self._whole_start(start))
+        whole_start = self._last_start[1]
+        assert own.support is not None
+        displacement, forces = self._of_nodes(own.displacement), self._of_supports(index, own.support)
+        active = None
         if self.whole is not None:
-            reactions = boundary_sums(named_nodes(self.whole.space), forces)
+            program = self.whole.program
+            full = 1.0 if index == 0 and self.whole.starts_loaded else own.fraction
+            body = program.terms[index].body
+            active = None if body is None else body.active
+            own = replace(
+                own,
+                reactions=boundary_sums(self._named, forces),
+                rigid=rigid_bodies(program, index, displacement, forces, full, own.load_factor, whole_start),
+                springs=spring_forces(program, index, displacement, whole_start),
+            )
         return replace(
             own,
-            displacement=self._of_nodes(own.displacement),
-            reactions=reactions,
+            displacement=displacement,
+            active=active,
             stress=self._of_points(own.stress),
             strain=self._of_points(own.strain),
             state=self._of_points(own.state),
-            status=self._of_points(own.status.astype(np.float64)).astype(np.int8),
+            status=self._of_points(own.status),
             substeps=int(self._comm.allreduce(own.substeps)),
-            stage_start=self._last_start[1],
+            stage_start=whole_start,
             support=forces,
         )
 
+    @cached_property
+    def _named(self) -> dict[str, NDArray[np.int64]]:
+        return {} if self.whole is None else named_nodes(self.whole.space)
+
+    def _whole_start(self, start: StageStart) -> StageStart:
+        """What all ranks remember of the start of a stage, on rank 0."""
+        displacement, fading, reference = map(self._of_nodes, (start.displacement, start.fading, start.reference))
+        offsets = [self._of_nodes(row) for row in start.spring_offsets]
+        held = None if start.held is None else self._of_nodes(start.held)
+        rows = np.array(offsets) if offsets else np.empty((0, 0))
+        return StageStart(displacement, fading, reference, rows, start.load_factors, held)
+
     def _memory(self, *arguments: Any) -> SolverMemory:
+        # tangents, factor and the start of the next predictor are found anew, which costs less than to collect them
         own: SolverMemory = super()._memory(*arguments)  # type: ignore[misc]
-        correction = None
-        if self._comm.bcast(own.last_correction is not None, root=0):
-            full = np.full(self._problem.space.ndofs, np.nan)
-            assert own.last_correction is not None
-            self._system.unknowns.expand(own.last_correction, full)
-            correction = self._of_nodes(full)
-            correction = correction[~np.isnan(correction)]
-        return replace(
-            own, tangent=self._of_points(own.tangent), last_correction=correction, factor=FactorMemory()
-        )
+        return replace(own, tangent=np.empty((0, 3, 3)), last_correction=None, factor=FactorMemory())
 
 
 class DistributedCoupledRun(_Collected, CoupledRun):
     """`CoupledRun` on several ranks."""
 
     def _band_fraction(self, finished: bool) -> float:
-        tangent = self._of_points(self._last_tangent(finished))
-        fraction = 0.0 if self.whole is None else band_fraction(tangent, self.whole.space.weights)
-        return float(self._comm.bcast(fraction, root=0))
+        part, tangent = self._system.part, self._last_tangent(finished)
+        weights = (self._problem.space if part is None else part).weights
+        area = float(weights.sum())
+        lost = band_fraction(tangent, weights) * area if len(weights) else 0.0
+        lost, area, good = self._comm.allreduce(np.array([lost, area, 0.0 if np.isfinite(tangent).all() else 1.0]))
+        return float(lost / area) if good == 0.0 else 0.0
 
 
 class DistributedUncoupledRun(_Collected, UncoupledRun):
     """`UncoupledRun` on several ranks."""
-
-
-def divide_checkpoint(
-    problem: LocalProblem, whole: Problem | None, resume: StepResult | None, memory: SolverMemory | None
-) -> tuple[StepResult | None, SolverMemory | None]:
-    """This rank's part of the step to go on from, which rank 0 has.
-
-    Raises
-    ------
-    ControlError
-        On all ranks, if it does not belong to the problem.
-    """
-    space = problem.space
-    comm = space.comm
-    head: Any = None
-    if resume is not None:
-        plain = replace(resume, displacement=_NONE, stress=_NONE, strain=_NONE, state=_NONE,
-                        status=np.empty(0, dtype=np.int8),
-                        stage_start=StageStart(_NONE, _NONE, _NONE), reactions={}, support=None)  # fmt: skip
-        rest = None
-        if memory is not None:
-            rest = replace(memory, tangent=_NONE, last_correction=None, factor=FactorMemory())
-        correction = memory is not None and memory.last_correction is not None
-        head = (plain, rest, correction, len(resume.displacement), resume.state.shape)
-    head = comm.bcast(head, root=0)
-    if head is None:
-        return None, None
-    plain, rest, correction, ndofs, shape = head
-    width = problem.initial_state.shape[1]
-    names = [stage.name for stage in problem.stages]
-    if plain.stage not in names:
-        raise ControlError(f"the step to go on from belongs to stage {plain.stage!r}, not one of {names}")
-    if ndofs != 2 * space.nodes.total or tuple(shape) != (space.points.total, width):
-        raise ControlError(
-            f"the step to go on from has {ndofs} degrees of freedom and a state of shape {tuple(shape)}, this problem "
-            f"{2 * space.nodes.total} and {(space.points.total, width)}"
-        )
-
-    def of_nodes(vector: Array | None) -> Array:
-        return space.nodes.scatter(None if vector is None else vector.reshape(-1, 2), (2,)).ravel()
-
-    starts = None if resume is None else resume.stage_start
-    made = replace(
-        plain,
-        displacement=of_nodes(None if resume is None else resume.displacement),
-        stress=space.points.scatter(None if resume is None else resume.stress, (3,)),
-        strain=space.points.scatter(None if resume is None else resume.strain, (3,)),
-        state=space.points.scatter(None if resume is None else resume.state, (width,)),
-        stage_start=StageStart(
-            *(of_nodes(None if starts is None else part) for part in
-              ((starts.displacement, starts.fading, starts.reference) if starts else (None, None, None)))
-        ),
-    )  # fmt: skip
-    if rest is None:
-        return made, None
-    last = None
-    if correction:
-        full = None
-        if whole is not None and memory is not None and resume is not None:
-            full = _of_all(whole, resume.stage, memory.last_correction)
-        free = np.ones(space.ndofs, dtype=bool)
-        free[problem.program.terms[_number(problem.stages, plain.stage)].constrained] = False
-        last = of_nodes(full)[free]
-    tangent = np.empty((0, 3, 3))
-    if not problem.law.description.linear_response:
-        tangent = space.points.scatter(None if memory is None else memory.tangent, (3, 3))
-    return made, replace(rest, tangent=tangent, last_correction=last)
-
-
-def _number(stages: Any, name: str) -> int:
-    return [stage.name for stage in stages].index(name)
-
-
-def _of_all(whole: Problem, stage: str, of_free: Array | None) -> Array:
-    """Values of the free degrees of freedom of a stage among all, zero elsewhere."""
-    free = np.ones(whole.space.ndofs, dtype=bool)
-    free[whole.program.terms[_number(whole.stages, stage)].constrained] = False
-    full = np.zeros(whole.space.ndofs)
-    if of_free is None or of_free.shape != (int(free.sum()),):
-        return full  # a guess that is no use does no harm
-    full[free] = of_free
-    return full
-
-
-_NONE = np.empty(0)

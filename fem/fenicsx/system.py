@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.constitutive.contract import UpdateReport
 from granfabric.fem.accounting import Accounting
 from granfabric.fem.equilibrium.control import StepControl
 from granfabric.fem.equilibrium.residual import Equilibrium
-from granfabric.fem.equilibrium.unknowns import FreeUnknowns
+from granfabric.fem.equilibrium.unknowns import FreeUnknowns, Unknowns, free_dofs
 from granfabric.fem.linear_solvers.tangent import FactorMemory
 from granfabric.fem.loads.load_program import StageTerms
 from granfabric.fem.vectors import dot
@@ -21,8 +22,20 @@ from .forces import DistributedForces
 from .kept_factor import KeptFactor
 from .local_problem import LocalProblem
 from .material import DistributedMaterial
+from .part import LocalPart
+from .springs import SpringSum
+from .ties import DistributedUnknowns
 
 Array = NDArray[np.float64]
+
+
+def unknowns_of(terms: StageTerms, ndofs: int) -> Unknowns:
+    """What `granfabric.fem.equilibrium.unknowns.unknowns_of` is for the own host."""
+    free = free_dofs(terms, ndofs)
+    if terms.ties is None:
+        return FreeUnknowns(free)
+    ties: Any = terms.ties
+    return DistributedUnknowns(free, ties)
 
 
 class DistributedEquilibrium(Equilibrium):
@@ -37,27 +50,31 @@ class DistributedEquilibrium(Equilibrium):
 
     def __init__(self, problem: LocalProblem, control: StepControl, accounting: Accounting) -> None:
         distribution = problem.space
+        self._problem = problem  # type: ignore[assignment]
         self._comm = distribution.comm
-        self.part = None  # stages that change the body are refused
         self.space = distribution  # type: ignore[assignment]
         self.control = control
         self.accounting = accounting
-        forces = DistributedForces(distribution)
-        self.forces = forces  # type: ignore[assignment]
-        self.material = DistributedMaterial(
-            self._comm, problem.law, forces, problem.initial_stress, problem.initial_state, accounting,
-            problem.material_index,
-        )  # fmt: skip
+        self._forces = DistributedForces(distribution)
+        self.forces = self._forces  # type: ignore[assignment]
+        self._known = False
+        body = problem.program.terms[0].body
+        part = None if body is None else self.part_of(body.active)
+        self.enter(part, problem.initial_stress, problem.initial_state, None)
         ndofs = distribution.ndofs
         self.displacement, self.internal_force = np.zeros(ndofs), np.zeros(ndofs)
         self.internal_trial, self.scratch = np.zeros(ndofs), np.zeros(ndofs)
-        self.free = self.constrained = np.empty(0, dtype=np.int64)
-        self.unknowns = FreeUnknowns(self.free)
-        self._springs = self._spring_offset = None  # `divide` refuses them
+        self.constrained = np.empty(0, dtype=np.int64)
+        self.unknowns: Unknowns = FreeUnknowns(self.constrained)
+        self._tied: Any = None
+        self._spring_sum: SpringSum | None = None
+        self._springs = self._spring_offset = None
         self._had_springs = False
-        self._known = False
-        self._kept = KeptFactor(self._comm, ndofs, accounting, control.keep_factor)
+        self._kept = KeptFactor(self._comm, accounting, control.keep_factor)
         self._matrix: Any = None
+        self._transformation: Any = None
+        self._transformed: Any = None
+        self._held = np.zeros(ndofs, dtype=bool)
         self._conditions: list[Any] = []
         self.force_scale = 0.0
         self.refresh_internal_force()
@@ -69,22 +86,58 @@ class DistributedEquilibrium(Equilibrium):
     def norm(self, vector: Array) -> float:
         return math.sqrt(self._comm.allreduce(dot(vector, vector)))
 
+    def dot(self, first: Array, second: Array) -> float:
+        return float(self._comm.allreduce(dot(first, second)))
+
     def any(self, vector: Array) -> bool:
         return bool(self._comm.allreduce(int(vector.any())))
 
+    def part_of(self, active: NDArray[np.bool_]) -> Any:
+        return LocalPart(self.space, active)  # type: ignore[arg-type]
+
+    def enter(self, part: Any, stress: Array, state: Array, strain: Array | None) -> None:
+        rows = self._problem.material_index
+        if part is not None:
+            stress, state = stress[part.points], state[part.points]
+            strain = None if strain is None else strain[part.points]
+            rows = None if rows is None else rows[part.points]
+        self.part = part
+        self._forces.enter(part, self.space)  # type: ignore[arg-type]
+        self.material = DistributedMaterial(
+            self._comm, self._problem.law, self._forces, stress, state, self.accounting, strain, rows
+        )
+        self._known = False
+
+    def worst(self, report: UpdateReport) -> tuple[int, str]:
+        return report.worst_point, report.message  # whose number is that on rank 0
+
     def constrain(self, terms: StageTerms) -> None:
-        constrained = terms.constrained
-        same = self._known and np.array_equal(constrained, self.constrained)
+        springs = tuple(spring for spring, _ in terms.springs)
+        led = -1 if terms.led is None else terms.led.dof
+        kind = (led, springs)
+        ties: Any = terms.ties
+        same = self._known and kind == self._kind and np.array_equal(terms.constrained, self.constrained)
+        same = same and (ties is None) == (self._tied is None) and (ties is None or ties.same(self._tied))
         if self._comm.allreduce(int(not same)) == 0:
             return
-        self._known = True
-        self.constrained = constrained
-        mask = np.zeros(self.space.ndofs, dtype=bool)
-        mask[constrained] = True
-        self.free = np.flatnonzero(~mask)
-        self.unknowns = FreeUnknowns(self.free)
-        self._conditions = self._prescribed(mask)
-        self._kept.reset(mask)
+        self._known, self._kind, self._tied = True, kind, ties
+        self.constrained = terms.constrained
+        self._spring_sum = SpringSum([matrix for _, matrix in terms.springs]) if springs else None  # type: ignore[misc]
+        self._springs = self._spring_sum  # type: ignore[assignment]
+        self.unknowns = unknowns_of(terms, self.space.ndofs)
+        if isinstance(self.unknowns, DistributedUnknowns):
+            self._held[:] = False
+            self._conditions = []
+            petsc = importlib.import_module("petsc4py.PETSc")
+            self._transformation = self.unknowns.transformation(self._comm, petsc, self.space.ndofs)
+            self._transformed = None
+            self._kept.reset(np.zeros(self.unknowns.count, dtype=bool))
+        else:
+            self._held[:] = True
+            self._held[self.unknowns.free] = False  # type: ignore[attr-defined]
+            self._conditions = self._prescribed(self._held)
+            self._transformation = None
+            self._kept.reset(self._held.copy())
 
     def _prescribed(self, mask: NDArray[np.bool_]) -> list[Any]:
         """dolfinx's conditions, of ghosts too; only which degrees of freedom they hold matters."""
@@ -110,28 +163,34 @@ class DistributedEquilibrium(Equilibrium):
         return 0
 
     def worth_solving(self, right_hand_side: Array, external: Array) -> bool:
-        if not self._comm.allreduce(len(self.free)):
+        if not self._comm.allreduce(self.unknowns.count):
             return False
         scale = max(self.force_scale, self.norm(external))
         allowed = max(self.control.tolerance * scale, self.control.absolute_tolerance)
         return self.norm(right_hand_side) > allowed
 
     def linear_solve(self, right_hand_side: Array, tolerance: float, committed: bool, guess: Array | None) -> Array:
-        material, free = self.material, self.free
-        forces: Any = self.forces
-        forces.set_tangent(material.tangent_start if committed else material.tangent_end)
-        full, begin = np.zeros(self.space.ndofs), None
-        full[free] = right_hand_side
-        if guess is not None:
-            begin = np.zeros(self.space.ndofs)
-            begin[free] = guess
+        material, unknowns = self.material, self.unknowns
+        self._forces.set_tangent(material.tangent_start if committed else material.tangent_end)
         self.accounting.newton_iterations += 1
         size = self.norm(right_hand_side)
-        return self._kept.solve(forces.action, self._assemble, full, size, tolerance, begin)[free]
+        if isinstance(unknowns, DistributedUnknowns):
+
+            def action(x: Array) -> Array:
+                return unknowns.reduce(self._action(unknowns.expand(x, self.scratch)))
+
+            return self._kept.solve(action, self._assemble, right_hand_side, size, tolerance, guess)
+        full = unknowns.expand(right_hand_side, np.zeros(self.space.ndofs))
+        begin = None if guess is None else unknowns.expand(guess, np.zeros(self.space.ndofs))
+        return unknowns.reduce(self._kept.solve(self._action, self._assemble, full, size, tolerance, begin))
+
+    def _action(self, displacement: Array) -> Array:
+        force = self._forces.action(displacement)
+        return force if self._spring_sum is None else force + self._spring_sum @ displacement
 
     def _assemble(self) -> Any:
         petsc = importlib.import_module("dolfinx.fem.petsc")
-        form = self.forces.tangent_form  # type: ignore[attr-defined]
+        form = self._forces.tangent_form
         self.accounting.matrix_assemblies += 1
         with self.accounting.phase("assembly"):
             if self._matrix is None:
@@ -139,7 +198,13 @@ class DistributedEquilibrium(Equilibrium):
             self._matrix.zeroEntries()
             petsc.assemble_matrix(self._matrix, form, bcs=self._conditions)
             self._matrix.assemble()
-        return self._matrix
+            if self._spring_sum is not None:
+                self._spring_sum.add_to(self._matrix, self.space.first_dof, self._held)  # type: ignore[attr-defined]
+            if self._transformation is None:
+                return self._matrix
+            # springs' columns and new stages leave the pattern as it is
+            self._transformed = self._matrix.ptap(self._transformation, result=self._transformed)
+        return self._transformed
 
     def _raise_scale(self, external: Array) -> None:
         self.force_scale = max(self.force_scale, self.norm(self.internal_force), self.norm(external))

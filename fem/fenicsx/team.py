@@ -16,11 +16,14 @@ from granfabric.fem.equilibrium.checkpoint import Checkpoint
 from granfabric.fem.equilibrium.control import ControlError, StepControl
 from granfabric.fem.equilibrium.results import RunSummary, StepResult
 from granfabric.fem.loads.problem import Problem
+from granfabric.fem.output.series_files import OutputError
 
 from .distribution import Distribution, DistributionError
+from .dividing import divide
 from .engine import world
-from .local_problem import divide, refuse_unknown_loads
-from .run import CallbackError, DistributedCoupledRun, DistributedUncoupledRun, divide_checkpoint
+from .pieces import PieceOutput, PieceWriter
+from .restoring import divide_checkpoint
+from .run import CallbackError, DistributedCoupledRun, DistributedUncoupledRun
 
 logger = logging.getLogger(__name__)
 
@@ -28,7 +31,7 @@ _SOLVE, _GO = 1, 2
 NAP = 0.01
 """Seconds between two looks of a rank that has nothing to do."""
 
-_AGREED_ERRORS = (DistributionError, ControlError)
+_AGREED_ERRORS = (DistributionError, ControlError, OutputError)
 """Raised on all ranks together: the team stays together."""
 
 
@@ -82,7 +85,7 @@ class Team:
             if self._call() == _GO:
                 return
             try:
-                self._run(None, None, None, None, None, None, time.perf_counter)
+                self._run(None, None, None, None, None, None, time.perf_counter, None)
             except _AGREED_ERRORS:
                 continue
             except CallbackError:
@@ -100,25 +103,26 @@ class Team:
         resume: StepResult | Checkpoint | None = None,
         on_checkpoint: Callable[[Checkpoint], None] | None = None,
         clock: Callable[[], float] = time.perf_counter,
+        pieces: PieceOutput | None = None,
     ) -> RunSummary:
         """Run all stages on all ranks; called on rank 0 while the others `assist`.
 
         Arguments, results and errors as of `granfabric.fem.equilibrium.stepping.solve`; callbacks are called on rank
         0 with the results of all ranks. From a checkpoint, of this or of another number of ranks, steps follow that
-        agree within Newton's tolerance.
+        agree within Newton's tolerance. With `pieces` each rank writes the fields of its own cells, before `on_step` is
+        called.
 
         Raises
         ------
         DistributionError
             If the two hosts do not agree on elements or integration points.
-        LoadError
-            If the problem has rigid bodies, springs or controls, or a stage changes the body.
+        OutputError
+            If a rank cannot write its files.
         """
-        refuse_unknown_loads(problem)
         self._call(_SOLVE)
         self._together = True
         try:
-            return self._run(problem, control or StepControl(), on_step, stop, resume, on_checkpoint, clock)
+            return self._run(problem, control or StepControl(), on_step, stop, resume, on_checkpoint, clock, pieces)
         except _AGREED_ERRORS:
             self._together = False
             raise
@@ -130,10 +134,10 @@ class Team:
     _told = False
 
     def _run(self, problem: Problem | None, control: StepControl | None, on_step: Any, stop: Any, resume: Any,
-             on_checkpoint: Any, clock: Any) -> RunSummary:  # fmt: skip
+             on_checkpoint: Any, clock: Any, pieces: PieceOutput | None) -> RunSummary:  # fmt: skip
         comm = self.comm
         self._told = False
-        wanted = on_step is not None or on_checkpoint is not None, on_checkpoint is not None
+        wanted = on_step is not None or on_checkpoint is not None, on_checkpoint is not None, pieces is not None
         control, wanted = comm.bcast((control, wanted), root=0)
         assert control is not None
         distribution = Distribution(comm, None if problem is None else problem.space)
@@ -141,14 +145,20 @@ class Team:
         kind = DistributedUncoupledRun if local.law.description.linear_response else DistributedCoupledRun
         run = kind(local, control, self._telling(on_step), stop, self._telling(on_checkpoint), clock)
         run.whole = problem
-        run.wanted, run.checkpoints = wanted
+        run.wanted, run.checkpoints, in_pieces = wanted
         memory = None
         if isinstance(resume, Checkpoint):
             resume, memory = resume.result, resume.memory
-        resume, memory = divide_checkpoint(local, problem, resume, memory)
+        resume, memory = divide_checkpoint(local, resume, memory)
+        if in_pieces:
+            run.pieces = PieceWriter(local, problem, pieces)
+            run.pieces.begin(resume)
         summary = run.execute(resume, memory)
+        if run.pieces is not None:
+            run.pieces.finish()
         self._together = False
         moved = distribution.nodes.bytes_moved + distribution.points.bytes_moved
+        moved += 0 if run.pieces is None else run.pieces.bytes_moved
         logger.info("rank %d gave and took %d bytes", comm.rank, moved)
         return summary
 

@@ -34,6 +34,8 @@ class Body:
         Elements that are there in this stage.
     dofs : ndarray of bool, shape (ndofs,)
         Degrees of freedom of these elements.
+    beside : ndarray of bool, shape (ndofs,)
+        Degrees of freedom of the elements that the stage takes away or adds.
     removed, placed : ndarray of int
         Elements that the stage takes away, and those that it adds.
     released_before, released : float
@@ -43,6 +45,7 @@ class Body:
 
     active: Mask
     dofs: Mask
+    beside: Mask
     removed: Cells
     placed: Cells
     released_before: float
@@ -122,7 +125,10 @@ def bodies_of_stages(space: Space, stages: Sequence[Stage]) -> list[Body | None]
         started = reached if reached < 1.0 else (0.0 if len(removed) else 1.0)
         reached = stage.release if len(removed) or reached < 1.0 else 1.0
         body = active if (removed.size or placed.size) else before
-        made.append(Body(body, degrees_of_freedom(nodes_of(space, body)), removed, placed, started, reached))
+        changed = np.zeros_like(active)
+        changed[removed] = changed[placed] = True
+        dofs, beside = (degrees_of_freedom(nodes_of(space, cells)) for cells in (body, changed))
+        made.append(Body(body, dofs, beside, removed, placed, started, reached))
     return made
 
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from granfabric.fem.discretisation.active_part import ActivePart
+from granfabric.fem.discretisation.assembly import ForceAssembler
 from granfabric.fem.discretisation.space import Space
 
 from .bodies import Body, bodies_of_stages
@@ -64,6 +66,19 @@ def placed(problem: Problem, index: int) -> tuple[Points, Array, Array]:
         rows = None if problem.material_index is None else problem.material_index[points[used]]
         state[used] = problem.law.initial_state(stress[used], rows)
     return points, stress, state
+
+
+def force_of_fill(problem: Problem, index: int) -> Array:
+    """Forces that the pressure of what a stage adds exerts on its nodes, shape (ndofs,) [N/m]."""
+    space = problem.space
+    chosen = np.zeros(space.nelements, dtype=bool)
+    chosen[_body(problem, index).placed] = True
+    force = np.zeros(space.ndofs)
+    if not chosen.any():
+        return force
+    part = ActivePart(space, chosen)
+    stress = np.tile(fill_stress(problem.stages[index]), (part.npoints, 1))
+    return ForceAssembler(part).internal_force(stress, force)
 
 
 def refuse_unbearable(problem: Problem) -> None:

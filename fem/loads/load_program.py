@@ -97,6 +97,17 @@ class StageTerms:
     led: Led | None = None
     body: Body | None = None
 
+    def lead(self, displacement: Array) -> tuple[Array, float]:
+        """How displacements, shape (ndofs,), move when what the control leads grows by one, and where it is [m]."""
+        assert self.led is not None
+        if self.led.dof >= 0:
+            direction = np.zeros_like(displacement)
+            direction[self.led.dof] = 1.0
+            return direction, float(displacement[self.led.dof])
+        assert self.ties is not None
+        tie = self.ties.ties[self.led.tie]
+        return self.ties.lead(self.led.tie), float(tie.contact.at_point(displacement)[tie.led])
+
     def moved(self, fraction: float, here: Array, target: Array) -> Array:
         """Displacements of the constrained degrees of freedom at a position within the stage [m]."""
         moved = here + fraction * (target - here)

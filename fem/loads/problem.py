@@ -11,7 +11,7 @@ from granfabric.constitutive.arrays import ArrayError, finite, found, index
 from granfabric.constitutive.contract import Law
 from granfabric.fem.discretisation.space import Space
 
-from .fills import refuse_unbearable, stress_with_fills
+from .fills import force_of_fill, refuse_unbearable, stress_with_fills
 from .kinds import INITIAL, LoadError, Stage
 from .load_program import LoadProgram
 from .supports import refuse_loose_bodies
@@ -106,6 +106,10 @@ class Problem:
     def law_of(self, index: int) -> Law:
         """The law in a stage: the problem's own, or what that is while water can leave."""
         return self._drained if self.stages[index].drained else self.law
+
+    def force_of_fill(self, index: int) -> Array:
+        """Forces of the pressure under which a stage places what it adds to the body, shape (ndofs,) [N/m]."""
+        return force_of_fill(self, index)
 
     @property
     def starts_loaded(self) -> bool:

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from xml.etree import ElementTree
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,24 +15,17 @@ from granfabric.fem.discretisation.restricted import RestrictedSpace, restricted
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.results import StepResult
 
-from .cells import vtk_cells
+from .cells import VtkCells, vtk_cells
 from .compression import Compression
 from .derived import derived, invariants
 from .recovery import Recovery, region_of_cells
+from .series_files import FIELDS, POINTS, OutputError, SeriesFiles, file_name
 from .shown import shown_part
-from .vtu import GridWriter
+from .vtu import Described, GridWriter
 
 Array = NDArray[np.float64]
 
-FIELDS = "result"
-POINTS = "points"
-
-
-_Series = list[tuple[float, str]]
-
-
-class OutputError(ValueError):
-    """Results cannot be written; the text names the folder and the reason."""
+__all__ = ["FIELDS", "POINTS", "FieldWriter", "Grids", "OutputError", "padded_tensor", "padded_vector", "point_fields"]
 
 
 def padded_vector(values: Array) -> Array:
@@ -97,71 +86,48 @@ def restricted_result(result: StepResult, part: RestrictedSpace) -> StepResult:
     )
 
 
-class FieldWriter:
-    """Write one `.vtu` of fields and one of integration points a step, and keep `result.pvd`, `points.pvd` up to date.
+class Grids:
+    """What both files of a step hold: fields at the nodes of the mesh, and at the integration points.
 
-    A `.pvd` is replaced in one move after its `.vtu` is complete, so that what it names can always be read. Fields are
-    recovered for each material by itself; where materials meet, nodes are there once for each of them. Where stages
-    change the body, each file holds what is there at its step, and nothing of the rest.
+    Fields are recovered for each material by itself; where materials meet, nodes are there once for each of them. Where
+    stages change the body, a step has what is there, and nothing of the rest.
 
     Parameters
     ----------
-    folder : str or Path
-        Created if missing.
     space : Space
     description : LawDescription
-    keep : callable, optional
-        Going on with a run: told a step's number, whether its files and its entry in the series are kept. Without it
-        the series begin anew.
     material_index : ndarray of int, shape (npt,), optional
         Number of the material at each integration point, from 0; one material if not given.
     compression : {"none", "fast", "small"}
+    piece : Piece, optional
+        What of the space is written, and the numbers in the whole; all of it if not given.
 
     Attributes
     ----------
+    space : Space
+        What is there of the one that was given.
     recovery : Recovery
         From integration points to the nodes of the files.
-
-    Raises
-    ------
-    OutputError
-        If the folder cannot be written.
+    part : RestrictedSpace or None
     """
 
     def __init__(
         self,
-        folder: str | Path,
         space: Space,
         description: LawDescription,
-        keep: Callable[[int], bool] | None = None,
         material_index: NDArray[np.integer] | None = None,
         compression: Compression = "none",
+        piece: Piece | None = None,
     ) -> None:
-        self.folder = Path(folder)
         self._description, self._shown = shown_part(description)
         self._compression: Compression = compression
-        self._whole, self._material_index = space, material_index
+        self._whole, self._material_index, self._piece = space, material_index, piece
         self.part: RestrictedSpace | None = None
         self._take_up()
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            probe = self.folder / ".writable"
-            probe.write_text("")
-            probe.unlink()
-        except OSError as error:
-            raise OutputError(f"output folder {self.folder} cannot be written: {error.strerror or error}") from None
-        # both are read before either is changed
-        existing = {name: self._existing(name, keep) for name in (FIELDS, POINTS)}
-        for name, (series, kept) in existing.items():
-            if kept != series:
-                self._write_series(name, kept)
-                for _, file in set(series) - set(kept):
-                    (self.folder / file).unlink(missing_ok=True)
-        self._series = {name: kept for name, (_, kept) in existing.items()}
 
     def _take_up(self) -> None:
         """Write what is on the space, or on the part of it that is there, from now on."""
-        part = self.part
+        part, piece = self.part, self._piece
         space = self._whole if part is None else part.space
         index = self._material_index
         if index is not None and part is not None:
@@ -169,27 +135,44 @@ class FieldWriter:
         self.space = space
         self.recovery = Recovery(space, index)
         nodes = self.recovery.nodes
-        self._cells = vtk_cells(space, nodes)
         number = np.arange(space.nelements) if part is None else part.cells
+        of_whole, own = number, np.ones(space.nelements, dtype=bool)
+        if piece is not None:
+            of_whole, own = piece.elements[number], piece.own[number]
+        cells = vtk_cells(space, nodes)
         of_cells = {
-            "element": number.astype(np.int32),
+            "element": of_whole.astype(np.int32),
             "region": region_of_cells(space),
             "material": self.recovery.material,
         }
+        self._cell_element = cells.element
+        self._nodes = self._points = None  # all
+        lasting = {}
+        if piece is not None:
+            cells, self._nodes = _of_elements(cells, own)
+            self._points = own[space.point_cell]
+            self._cell_element = cells.element
+            of_space = nodes.node[self._nodes]
+            lasting["node"] = piece.nodes[of_space if part is None else part.nodes[of_space]].astype(np.int32)
         self._grids = {
             FIELDS: GridWriter(
-                padded_vector(space.nodes[nodes.node]),
-                self._cells.blocks,
+                self._chosen(padded_vector(space.nodes[nodes.node]), self._nodes),
+                cells.blocks,
                 self._compression,
-                lasting_of_cells={name: values[self._cells.element] for name, values in of_cells.items()},
+                lasting,
+                {name: values[self._cell_element] for name, values in of_cells.items()},
             ),
             POINTS: GridWriter(
-                padded_vector(space.points),
-                [("vertex", np.arange(space.npoints).reshape(-1, 1))],
+                self._chosen(padded_vector(space.points), self._points),
+                [("vertex", np.arange(int(own[space.point_cell].sum())).reshape(-1, 1))],
                 self._compression,
-                lasting={name: values[space.point_cell] for name, values in of_cells.items()},
+                lasting={name: self._chosen(of[space.point_cell], self._points) for name, of in of_cells.items()},
             ),
         }
+
+    @staticmethod
+    def _chosen(values: NDArray, rows: NDArray | None) -> NDArray:
+        return values if rows is None else values[rows]
 
     def follow_body(self, active: NDArray[np.bool_] | None) -> bool:
         """Take up the elements that are there at a step, with their nodes and points alone; whether they are others."""
@@ -207,47 +190,32 @@ class FieldWriter:
         """A step with the values of what is there alone."""
         return result if self.part is None else restricted_result(result, self.part)
 
-    def _existing(self, name: str, keep: Callable[[int], bool] | None) -> tuple[_Series, _Series]:
-        """Entries of a series on disk, and those of them to keep."""
-        path = self.folder / f"{name}.pvd"
-        if keep is None or not path.is_file():
-            return [], []
-        try:
-            entries = ElementTree.parse(path).getroot().iter("DataSet")
-            series = [(float(entry.attrib["timestep"]), entry.attrib["file"]) for entry in entries]
-            for _, file in series:
-                if not re.fullmatch(rf"{name}_\d{{1,9}}\.vtu", file):  # never a file elsewhere
-                    raise ValueError(f"{file!r} is no file of this series")
-            kept = [(time, file) for time, file in series if keep(int(file.removesuffix(".vtu").rpartition("_")[2]))]
-        except (ElementTree.ParseError, KeyError, ValueError):
-            raise OutputError(f"{path} is damaged; remove it or choose another output folder") from None
-        for _, file in kept:
-            if not (self.folder / file).is_file():
-                raise OutputError(f"{path} names {file}, which is gone; choose another output folder")
-        return series, kept
-
-    def write(
-        self,
-        result: StepResult,
-        time: float,
-        extra_fields: dict[str, Array] | None = None,
-    ) -> None:
-        """Write one step.
+    def write_files(
+        self, folder: Path, names: dict[str, str], result: StepResult, extra: dict[str, Array] | None = None
+    ) -> dict[str, Described]:
+        """Write both files of a step.
 
         Parameters
         ----------
+        folder : Path
+        names : dict of str to str
+            File of each series.
         result : StepResult
-        time : float
-            Time stamp in the series, ascending.
-        extra_fields : dict of str to ndarray, shape (npt,), (npt, 3) or (npt, 9), optional
+            Of all nodes and points of the space that was given.
+        extra : dict of str to ndarray, shape (npt,), (npt, 3) or (npt, 9), optional
             Further fields at the integration points; they are projected as well.
+
+        Returns
+        -------
+        dict of str to Described
+            What the file of each series holds.
 
         Raises
         ------
-        OutputError
+        OSError
         """
         self.follow_body(result.active)
-        extra = extra_fields or {}
+        extra = extra or {}
         if self._shown is not None:
             result = replace(result, state=result.state[:, self._shown])
         if self.part is not None:
@@ -268,29 +236,104 @@ class FieldWriter:
         at_points["displacement"] = padded_vector(self.space.interpolate(displacement))
         means = self.recovery.cell_means
         of_cells = invariants(means(result.stress), means(carried))
-        of_cells = {name: values[self._cells.element] for name, values in of_cells.items()}
+        of_cells = {name: values[self._cell_element] for name, values in of_cells.items()}
+        at_nodes = {name: self._chosen(values, self._nodes) for name, values in at_nodes.items()}
+        at_points = {name: self._chosen(values, self._points) for name, values in at_points.items()}
+        return {
+            FIELDS: self._grids[FIELDS].write(folder / names[FIELDS], at_nodes, of_cells),
+            POINTS: self._grids[POINTS].write(folder / names[POINTS], at_points),
+        }
+
+
+@dataclass(frozen=True)
+class Piece:
+    """What of a space is one piece of a whole; the rest of it surrounds the piece, for recovery alone.
+
+    Parameters
+    ----------
+    own : ndarray of bool, shape (nelem,)
+        Elements of the piece.
+    elements, nodes : ndarray of int, shapes (nelem,), (nnodes,)
+        Numbers in the whole.
+    """
+
+    own: NDArray[np.bool_]
+    elements: NDArray[np.int64]
+    nodes: NDArray[np.int64]
+
+
+def _of_elements(cells: VtkCells, own: NDArray[np.bool_]) -> tuple[VtkCells, NDArray[np.int64]]:
+    """Cells of some elements, and the nodes that they have, to which they are renumbered."""
+    chosen = own[cells.element]
+    blocks, begin = [], 0
+    for name, block in cells.blocks:
+        blocks.append((name, block[chosen[begin : begin + len(block)]]))
+        begin += len(block)
+    blocks = [(name, block) for name, block in blocks if len(block)]
+    nodes = np.unique(np.concatenate([block.ravel() for _, block in blocks]))
+    blocks = [(name, np.searchsorted(nodes, block)) for name, block in blocks]
+    return VtkCells(blocks, cells.element[chosen]), nodes
+
+
+class FieldWriter(Grids):
+    """Write one `.vtu` of fields and one of integration points a step, and keep `result.pvd`, `points.pvd` up to date.
+
+    A `.pvd` is replaced in one move after its `.vtu` is complete, so that what it names can always be read. For what
+    files hold see `Grids`.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Created if missing.
+    space : Space
+    description : LawDescription
+    keep : callable, optional
+        See `SeriesFiles`.
+    material_index : ndarray of int, shape (npt,), optional
+    compression : {"none", "fast", "small"}
+
+    Attributes
+    ----------
+    series : SeriesFiles
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be written.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        space: Space,
+        description: LawDescription,
+        keep: Callable[[int], bool] | None = None,
+        material_index: NDArray[np.integer] | None = None,
+        compression: Compression = "none",
+    ) -> None:
+        super().__init__(space, description, material_index, compression)
+        self.folder = Path(folder)
+        self.series = SeriesFiles(folder, keep)
+
+    def write(self, result: StepResult, time: float, extra_fields: dict[str, Array] | None = None) -> None:
+        """Write one step.
+
+        Parameters
+        ----------
+        result : StepResult
+        time : float
+            Time stamp in the series, ascending.
+        extra_fields : dict of str to ndarray, shape (npt,), (npt, 3) or (npt, 9), optional
+            Further fields at the integration points; they are projected as well.
+
+        Raises
+        ------
+        OutputError
+        """
+        names = {series: file_name(series, result.step) for series in (FIELDS, POINTS)}
         try:
-            self._write(FIELDS, time, result.step, at_nodes, of_cells)
-            self._write(POINTS, time, result.step, at_points)
+            self.write_files(self.folder, names, result, extra_fields)
+            for series, file in names.items():
+                self.series.add(series, time, file)
         except OSError as error:
             raise OutputError(f"output folder {self.folder} cannot be written: {error.strerror or error}") from None
-
-    def _write(
-        self, name: str, time: float, step: int, fields: dict[str, Array], of_cells: dict[str, Array] | None = None
-    ) -> None:
-        file = f"{name}_{step:04d}.vtu"
-        self._grids[name].write(self.folder / file, fields, of_cells)
-        series = [entry for entry in self._series[name] if entry[1] != file]
-        series.append((time, file))
-        self._series[name] = series
-        self._write_series(name, series)
-
-    def _write_series(self, name: str, series: _Series) -> None:
-        lines = [f'    <DataSet timestep="{stamp!r}" part="0" file={quoteattr(entry)}/>' for stamp, entry in series]
-        text = "\n".join(
-            ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>", *lines]
-            + ["  </Collection>", "</VTKFile>", ""]
-        )
-        hidden = self.folder / f".{name}.pvd"
-        hidden.write_text(text)
-        os.replace(hidden, self.folder / f"{name}.pvd")

@@ -28,6 +28,8 @@ Cells = Sequence[tuple[str, NDArray[np.int64]]]
 """Blocks of cells of one kind each: "vertex", "triangle", "triangle6", "quad" or "quad9", and their points in VTK's
 order, shape (ncells, points per cell)."""
 _Encoded = tuple[str, bytes]
+Described = dict[str, list[str]]
+"""Attributes of the arrays of a file, by section."""
 
 
 class GridWriter:
@@ -85,7 +87,7 @@ class GridWriter:
         with ThreadPoolExecutor(threads, thread_name_prefix="granfabric-output") as pool:
             return list(pool.map(lambda field: self._encoded(*field), fields))
 
-    def write(self, path: Path, fields: Fields, of_cells: Fields | None = None) -> None:
+    def write(self, path: Path, fields: Fields, of_cells: Fields | None = None) -> Described:
         """Write one file; until it is complete it has another name.
 
         Parameters
@@ -93,6 +95,11 @@ class GridWriter:
         path : Path
         fields : mapping of str to ndarray, shape (npoints,) or (npoints, components)
         of_cells : mapping of str to ndarray, shape (ncells,) or (ncells, components), optional
+
+        Returns
+        -------
+        Described
+            For `write_pieces`.
 
         Raises
         ------
@@ -138,6 +145,39 @@ class GridWriter:
             file.writelines(reversed(ordered))
             file.write(b"\n</AppendedData>\n</VTKFile>\n")
         os.replace(hidden, path)
+        return {section: [text for text, _ in members] for section, members in sections.items() if members}
+
+
+def write_pieces(path: Path, described: Described, pieces: Sequence[str], compression: Compression) -> None:
+    """Write the `.pvtu` of files beside it that hold a piece each.
+
+    Parameters
+    ----------
+    path : Path
+    described : Described
+        Of any of them: all hold the same arrays.
+    pieces : sequence of str
+        Names of the files.
+    compression : {"none", "fast", "small"}
+        Theirs.
+
+    Raises
+    ------
+    OSError
+    """
+    compressor = COMPRESSORS[compression]
+    lines = [
+        '<?xml version="1.0"?>',
+        '<VTKFile type="PUnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64"'
+        + (f' compressor="{compressor}">' if compressor else ">"),
+        '<PUnstructuredGrid GhostLevel="0">',
+    ]
+    for section in ("PointData", "CellData", "Points"):
+        lines += [f"<P{section}>", *(f"<PDataArray {text}/>" for text in described.get(section, [])), f"</P{section}>"]
+    lines += [f"<Piece Source={quoteattr(piece)}/>" for piece in pieces]
+    hidden = path.with_name(f".{path.name}")
+    hidden.write_text("\n".join([*lines, "</PUnstructuredGrid>", "</VTKFile>", ""]))
+    os.replace(hidden, path)
 
 
 def _described(name: str, values: NDArray) -> str:

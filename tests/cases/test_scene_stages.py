@@ -12,7 +12,6 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
 import granfabric as gf
-from granfabric.cases.commands import hosts
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.pictures import field
 from granfabric.cases.records import files, series
@@ -362,9 +361,3 @@ def test_a_stress_that_is_given_need_not_hold_where_nothing_is(tmp_path: Path) -
     )
     problem = prepare(load(str(scene))).problem  # at the top of the fill it would be tension
     assert initial_imbalance(problem).fraction < 1e-12
-
-
-def test_the_other_host_refuses_what_it_cannot() -> None:
-    loaded = load("tunnel")
-    with pytest.raises(REFUSED, match=r'stage 2 "crown": the host .fenicsx. keeps the body as it is'):
-        hosts.check(object(), loaded, prepare(loaded).problem)  # type: ignore[arg-type]

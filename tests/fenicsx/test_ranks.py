@@ -41,6 +41,8 @@ def difference(found: dict[str, np.ndarray], wanted: dict[str, np.ndarray]) -> f
         if first == "region":
             _, region, what = name.split("_", 2)
             return f"region_{region}_{kind(what)}"
+        if first == "rigid":
+            return name.removesuffix("_x").removesuffix("_y")
         return first if first in ("strain", "displacement", "reaction") or name.startswith("stress_") else name
 
     largest: dict[str, float] = {}
@@ -53,9 +55,9 @@ def difference(found: dict[str, np.ndarray], wanted: dict[str, np.ndarray]) -> f
     )
 
 
-def own(folder: Path, *more: str) -> dict[str, np.ndarray]:
+def own(folder: Path, *more: str, scene: str = SCENE) -> dict[str, np.ndarray]:
     done = subprocess.run(
-        [str(Path(sys.executable).parent / "granfabric"), "run", SCENE, "-o", str(folder), "-q", *more],
+        [str(Path(sys.executable).parent / "granfabric"), "run", scene, "-o", str(folder), "-q", *more],
         env=environment(), check=False, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -63,12 +65,14 @@ def own(folder: Path, *more: str) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.slow
-def test_numbers_of_ranks_do_not_matter(tmp_path: Path) -> None:
-    wanted = own(tmp_path / "own")
+@pytest.mark.parametrize("scene", [SCENE, "rigid_footing", "tunnel"])
+def test_numbers_of_ranks_do_not_matter(tmp_path: Path, scene: str) -> None:
+    tight = [] if scene == SCENE else ["--set", "solver.tolerance=1e-10"]
+    wanted = own(tmp_path / "own", *tight, scene=scene)
     found = {}
     for ranks in (1, 2, 3):
         folder = tmp_path / str(ranks)
-        done = on_ranks(ranks, "granfabric", "run", SCENE, "--host", "fenicsx", "-o", str(folder), "-q")
+        done = on_ranks(ranks, "granfabric", "run", scene, "--host", "fenicsx", "-o", str(folder), "-q", *tight)
         assert done.returncode == 0, done.stderr
         record = json.loads((folder / "run.json").read_text())
         assert record["host"]["name"] == "fenicsx"
@@ -168,6 +172,9 @@ def test_bad_input_ends_all_ranks(tmp_path: Path) -> None:
     )
     assert done.returncode == 2
     assert "uses the direct solver of its PETSc" in done.stderr
+    done = on_ranks(2, "granfabric", "run", "grains_biaxial", "--host", "fenicsx", "-o", folder)
+    assert done.returncode == 2
+    assert "law.kind = 'grains' runs on the own host only" in done.stderr
     assert not Path(folder).exists()
 
 

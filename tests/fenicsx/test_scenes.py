@@ -13,14 +13,13 @@ from granfabric.cases.scene import catalogue
 from granfabric.cases.scene.reader import load
 from granfabric.fem.equilibrium.stepping import StepControl, solve
 from granfabric.fem.fenicsx.team import Team
-from granfabric.fem.loads.checks import LoadError
 
-OWN_ALONE = {"rigid_footing", "tunnel", "grains_biaxial"}
-"""Scenes with rigid bodies, springs or controls, with stages that change the body, or with grains at the points."""
+OWN_ALONE = {"grains_biaxial"}
+"""Scenes with grains at the points."""
 FIELDS = sorted({entry.name for entry in catalogue.shipped().values() if entry.kind == "field"} - OWN_ALONE)
 UNSTABLE = {"footing_capacity"}
 """Beyond its limit load Newton's iterates decide which of many solutions is found: compared by its reactions."""
-TIGHTER = {"slope": 1e-10}
+TIGHTER = {"slope": 1e-10, "tunnel": 1e-10}
 """Tolerance where strains near a free surface hang on small forces, and differ by more than what is left of these."""
 TIMES_TOLERANCE = 100.0
 """Both hosts end their iterations below the tolerance, not at the same place."""
@@ -53,12 +52,3 @@ def test_both_hosts_agree(name: str) -> None:
         for boundary, pair in mine.reactions.items():
             assert np.abs(np.subtract(pair, yours.reactions[boundary])).max() <= tolerance * largest
         assert mine.iterations == pytest.approx(yours.iterations, abs=1)
-
-
-@pytest.mark.parametrize(
-    ("scene", "words"), [("rigid_footing", "has a rigid body"), ("tunnel", "activates or deactivates regions")]
-)
-def test_what_this_host_does_not_know_is_refused_before_anything_is_computed(scene: str, words: str) -> None:
-    problem = prepare(load(scene, [])).problem
-    with Team() as team, pytest.raises(LoadError, match=f"{words}, which the host fenicsx does not know"):
-        team.solve(problem)

@@ -64,7 +64,8 @@ def pages() -> dict[str, str]:
             "`displacement`, `stress` and `strain`, and every state variable that the law carries ({doc}`state`): at "
             "the nodes, projected, in `result_*.vtu`; at the integration points in `points_*.vtu`, with `status`. "
             "Vectors have three components and tensors nine, so that ParaView draws them; shear strains are tensor "
-            "components.",
+            "components. Of a run on several ranks `result_STEP.pvtu` names pieces `result_STEP_RANK.vtu`, whose array "
+            "`node` holds numbers of nodes in the whole mesh; points alike.",
             table(("array", "unit", "meaning"), arrays),
             "## Arrays of `particles_*.vtu` and `contacts_*.vtu`",
             "`radius`, `contacts`, `bears_force`, `pressure` and `displacement` of each particle; `normal_force`, "
