@@ -21,12 +21,16 @@ from .dem_ref.exchange.files import save_packing as save_packing
 from .dem_ref.loading.path import Segment as Segment
 from .dem_ref.loading.run import DemRun as DemRun
 from .dem_ref.loading.run import RunOptions as RunOptions
+from .dem_ref.measures.coarse_graining import CoarseFields as CoarseFields
+from .dem_ref.measures.coarse_graining import coarse_grained as coarse_grained
 from .dem_ref.preparation.compaction import make_packing as make_packing
 from .dem_ref.preparation.grading import read_grading as read_grading
 from .dem_ref.sample.disks import Sample as Sample
 from .dem_ref.sample.disks import SampleError as SampleError
 from .dem_ref.sample.disks import load_sample as load_sample
 from .dem_ref.sample.disks import save_sample as save_sample
+from .dem_ref.specimen.cut import SpecimenOptions as SpecimenOptions
+from .dem_ref.specimen.specimen import Specimen as Specimen
 from .fem.discretisation.space import Space as Space
 from .fem.equilibrium.control import ControlError as ControlError
 from .fem.equilibrium.control import StepControl as StepControl

@@ -49,7 +49,7 @@ FLOORS: dict[str, tuple[str, ...]] = {
     ),
     "dem_ref": (
         *("arrays", "compilation", "sample", "threads", "dynamics", "measures", "loading", "inputs", "exchange"),
-        *("preparation", "ensemble"),
+        *("preparation", "specimen", "ensemble"),
     ),
     "cases": (
         *("errors", "terminal", "scene", "grains", "records", "engine", "field", "pictures", "effects", "fit"),
@@ -216,6 +216,8 @@ ENTERED = {
     },
     "granfabric.dem_ref.sample.neighbours": {"_fill_pairs", "_carry_over"},
     "granfabric.dem_ref.dynamics.relaxation": {"_relax"},
+    "granfabric.dem_ref.dynamics.settling": {"_settle", "_settle_two_threads"},
+    "granfabric.dem_ref.specimen.specimen": {"refresh_contacts", "bounded_steps", "write_back"},
     "granfabric.dem_ref.dynamics.motion": {"refresh_contacts", "advance", "advance_two_threads", "write_back"},
 }
 """Compiled kernels that are called from Python, by the module that calls them and has checked what it hands over."""

@@ -15,7 +15,8 @@ from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.decision import Decision
 from granfabric.cases.effects.resolve import is_undecided, resolve_field
-from granfabric.cases.errors import InputError
+from granfabric.cases.engine.choice import Choice
+from granfabric.cases.errors import InputError, RunError
 from granfabric.cases.field import comparison, grains_run, initial_balance, locking, mesh_error_estimate, mesh_table
 from granfabric.cases.field.body_report import BodyReport
 from granfabric.cases.field.prepare import prepare
@@ -63,6 +64,7 @@ def run_field(
     kernels: EarlyKernels | None = None,
     overwrite: bool = False,
     team: Team | None = None,
+    choice: Choice | None = None,
 ) -> Record:
     """Compute a field scene and write its files.
 
@@ -82,6 +84,8 @@ def run_field(
         Replace results of another scene too.
     team : Team, optional
         Ranks of the host "fenicsx"; the own host computes if not given.
+    choice : Choice, optional
+        Workers that hold the points of a scene with grains; the threads of this process if not given.
 
     Returns
     -------
@@ -103,6 +107,7 @@ def run_field(
         ExitStack() as hold,
     ):
         files.check_output(folder, owner, overwrite or resume)
+        grains_run.check(loaded, choice)
         earlier = None
         if resume:
             resumption.earlier_record(folder)
@@ -126,7 +131,7 @@ def run_field(
         waited = 0.0 if earlier is not None else _compile(loaded, kernels, watch, stop)
         decision: Decision | None = None
         if grains:
-            prepared = grains_run.begin(loaded, prepared, screen, stop)
+            prepared = grains_run.begin(loaded, prepared, screen, stop, hold, choice)
         else:
             loaded, prepared, decision = resolve_field(loaded, prepared, earlier, stop())
         problem = prepared.problem
@@ -143,7 +148,7 @@ def run_field(
                 checkpoints.remove()
                 record.outcome, record.message = "finished", earlier["message"]
                 return record
-            resumed = _last_checkpoint(checkpoints, earlier, screen)
+            resumed = grains_run.taken_up(problem.law, _last_checkpoint(checkpoints, earlier, screen))
         record.details["host"] = hosts.as_data(team)
         record.details["mesh_digest"] = digest
         record.details["mesh_groups"] = mesh_table.as_data(problem.space.host_mesh, second_order)
@@ -212,7 +217,7 @@ def run_field(
                         on_step=on_step,
                         stop=stop,
                         resume=resumed,
-                        on_checkpoint=recorder.save,
+                        on_checkpoint=grains_run.kept(problem.law, recorder.save),
                         clock=watch.clock,
                     )
                     recorder.close()
@@ -223,6 +228,8 @@ def run_field(
             except KeyboardInterrupt as error:
                 more = grains_run.how_to_go_on(problem.law)
                 raise record.broken_off(f"interrupted within a step{more}") from error
+            except RunError as error:  # workers that are gone
+                raise record.broken_off(str(error)) from error
         _finish(record, summary, stop.requested, balance, problem)
         record.timing["output"] += recorder.closing
         record.timing["writer"] = recorder.writing

@@ -21,6 +21,7 @@ from granfabric.cases.records.resumption import identity, mesh_digest, other_ver
 from granfabric.cases.scene import build
 from granfabric.cases.scene.owner import Owner
 from granfabric.cases.scene.reader import LoadedScene, load
+from granfabric.cases.scene.schema_law_kind import is_grains
 from granfabric.cases.sweep import record as kept
 from granfabric.cases.sweep.field_columns import refuse_missing
 from granfabric.cases.sweep.plan import Plan, Request, Run, plan_of
@@ -254,7 +255,7 @@ def _kernels(loaded: LoadedScene) -> tuple[str, ...]:
     """Groups of compiled kernels that a run calls."""
     if loaded.scene.kind == "dem":
         return ("dem",)
-    law = tuple(build.kernels(loaded))
+    law = ("dem",) if is_grains(loaded.scene) else tuple(build.kernels(loaded))
     return (*law, "host") if loaded.scene.kind == "field" else law
 
 

@@ -197,7 +197,8 @@ def test_a_packing_made_loaded_measured(tmp_path: Path) -> None:
     run = gf.DemRun(again, gf.RunOptions((gf.Segment("biaxial", stress_ratio=0.05),)))
     assert run.execute()
     history = run.history()
-    assert history["q"][-1] / history["p"][-1] == pytest.approx(0.05, rel=0.05)
+    # it ends with the first look past the target; looks at so few disks lie up to 0.004 apart
+    assert 0.05 <= history["q"][-1] / history["p"][-1] < 0.055
     inputs = gf.measure_packing(packing)
     assert inputs.material.coordination == inputs.values["coordination"]
     (tmp_path / "material.toml").write_text(inputs.text("200 disks"))

@@ -17,10 +17,11 @@ from hypothesis import strategies as st
 from wrong_arrays import COPIED, OUTPUT_REFUSED, REFUSED, SAME
 
 from granfabric.dem_ref.arrays import SampleError
-from granfabric.dem_ref.dynamics import relaxation, stepping
+from granfabric.dem_ref.dynamics import relaxation, settling, stepping
 from granfabric.dem_ref.dynamics.motion import Control, Motion, UnstableMotionError
 from granfabric.dem_ref.dynamics.packing import PackingOptions, make_packing
 from granfabric.dem_ref.dynamics.relaxation import relax
+from granfabric.dem_ref.dynamics.settling import settle
 from granfabric.dem_ref.ensemble import for_seeds
 from granfabric.dem_ref.loading.path import Segment
 from granfabric.dem_ref.loading.run import RunOptions
@@ -34,6 +35,7 @@ KERNELS = (
     neighbours._fill_pairs,
     neighbours._carry_over,
     relaxation._relax,
+    settling._settle,
     stepping.refresh_contacts,
     stepping.write_back,
     stepping.advance,
@@ -67,6 +69,7 @@ def moved(sample):
 def compiled():
     moved(lattice())
     relax(*(np.array(a) for a in coarse(lattice()).values()), 1e-3, steps=3)
+    settle(*(np.array(a) for a in coarse(lattice()).values()), 1e-3, steps=3)
     return signatures()
 
 
@@ -193,8 +196,9 @@ def test_controls(name, variant, compiled):
     assert signatures() == compiled
 
 
+@pytest.mark.parametrize("move", [relax, settle])
 @pytest.mark.parametrize("name", ["position", "radius", "cell"])
-def test_relaxation_changes_in_place_or_refuses(name, compiled):
+def test_relaxation_changes_in_place_or_refuses(name, move, compiled):
     good = coarse(lattice())
     variants = REFUSED if name == "radius" else OUTPUT_REFUSED
     for make in variants.values():
@@ -204,16 +208,16 @@ def test_relaxation_changes_in_place_or_refuses(name, compiled):
         arrays = {key: array.copy() for key, array in good.items()}
         before = {key: array.copy() for key, array in arrays.items()}
         with pytest.raises(SampleError, match=name):
-            relax(**{**arrays, name: value}, pressure=1e-3, steps=3)
+            move(**{**arrays, name: value}, pressure=1e-3, steps=3)
         assert all(np.array_equal(arrays[key], before[key]) for key in arrays)
     for make in COPIED.values() if name == "radius" else ():
         if make(good[name]) is SAME or make is COPIED["int64"]:
             continue
-        relax(**{**{k: a.copy() for k, a in good.items()}, name: make(good[name])}, pressure=1e-3, steps=3)
+        move(**{**{k: a.copy() for k, a in good.items()}, name: make(good[name])}, pressure=1e-3, steps=3)
     room = np.zeros((36 + 2, 2))
     with pytest.raises(SampleError, match="share memory"):
         room[:36], room[34:36] = good["position"], good["cell"]
-        relax(room[:36], good["radius"], room[34:36], 1e-3, steps=3)
+        move(room[:36], good["radius"], room[34:36], 1e-3, steps=3)
     assert signatures() == compiled
 
 
@@ -266,6 +270,7 @@ def test_whole_numbers_do_not_compile_again(compiled):
     )  # fmt: skip
     Motion(whole, damping=0).run(np.int64(3), Control(fastest_rate=1))
     relax(*(np.array(a) for a in coarse(lattice()).values()), 0, steps=3, fixed_cell=1)
+    settle(*(np.array(a) for a in coarse(lattice()).values()), 0.01, steps=np.int64(3), drag=0)
     find_near_pairs(sample.position, sample.radius, sample.cell, 0)
     assert signatures() == compiled
 
@@ -362,6 +367,6 @@ def test_segments_that_can_be_read_once_are_kept():
 
 def test_no_two_kernels_share_stored_code():
     """What is stored under one name would be loaded for the other: code for several threads where one is wanted."""
-    kernels = (*KERNELS, stepping.advance_two_threads)
+    kernels = (*KERNELS, stepping.advance_two_threads, settling._settle_two_threads)
     places = {(kernel._cache.cache_path, kernel.py_func.__qualname__) for kernel in kernels}
     assert len(places) == len(kernels)
