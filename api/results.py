@@ -14,6 +14,8 @@ from granfabric.cases.errors import InputError, unknown
 from granfabric.cases.records import files, series
 from granfabric.fem.discretisation.location import Locator
 
+from .gone import ground_there
+
 if TYPE_CHECKING:
     import pandas
 
@@ -251,10 +253,13 @@ class Results:
         Raises
         ------
         InputError
-            If the place lies outside of the mesh.
+            If the place lies outside of the mesh; where stages change the body also if nothing is there at the step,
+            with the stage that took it away or adds it.
         """
         place = np.array([[x, y]], dtype=np.float64)
-        if self._locator(step).find(place)[0][0, 0] < 0:
+        if not self._is_there(place, step):
+            if told := self._ground_there(place, step):
+                raise InputError(f"({x:g}, {y:g}) lies in no ground at step {self._fields.number(step)}: {told}")
             nodes = self.nodes_at(step)
             low, high = nodes.min(axis=0), nodes.max(axis=0)
             raise InputError(
@@ -262,6 +267,18 @@ class Results:
                 f"({high[0]:g}, {high[1]:g})"
             )
         return {name: float(column[0]) for name, column in self._table(place, step).items()}
+
+    def _is_there(self, place: Array, step: int) -> bool:
+        return bool(self._locator(step).find(place)[0][0, 0] >= 0)
+
+    def _ground_there(self, place: Array, step: int) -> str:
+        """What other steps tell about a place at which nothing is at a step."""
+        changes = self.record.get("body", [])
+        if not changes or "stage" not in self.history:
+            return ""
+        stage_of = dict(zip(self.history["step"].astype(int).tolist(), self.history["stage"]))
+        at = self._fields.number(step)
+        return ground_there(stage_of, self.steps, at, lambda other: self._is_there(place, other), changes)
 
     def along(self, a: Sequence[float], b: Sequence[float], step: int = -1, number: int = 101) -> pandas.DataFrame:
         """Values of all fields along a straight line.

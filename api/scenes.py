@@ -82,6 +82,8 @@ def run_scene(
     progress: Callable[[float, str], None] | None = None,
     overwrite: bool = False,
     resume: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
 ) -> Results:
     """Compute a scene of any kind, as `granfabric run`, `point` or `dem` do, and read its results back.
 
@@ -97,6 +99,10 @@ def run_scene(
         Replace results of another scene.
     resume : bool
         Go on with a run that was stopped.
+    workers : int, optional
+        Processes of this machine that the points of a field scene with grains are shared out to.
+    scheduler : str, optional
+        Address of a scheduler of Dask, whose workers are taken instead.
 
     Returns
     -------
@@ -120,16 +126,20 @@ def run_scene(
     from granfabric.cases.commands.dem import run_disks
     from granfabric.cases.commands.point import run_point
     from granfabric.cases.commands.run import run_field
+    from granfabric.cases.engine.choice import asked_for
+    from granfabric.cases.field import grains_run
 
     loaded = load_scene(scene, changes)
     folder = Path("results", loaded.name) if output is None else Path(output)
-    screen = _Silent(progress)
+    screen, choice = _Silent(progress), asked_for(workers, scheduler, None)
+    if loaded.scene.kind != "field":
+        grains_run.check(loaded, choice)
     if loaded.scene.kind == "point":
         run_point(loaded, folder, screen, overwrite)
     elif loaded.scene.kind in ("dem", "specimen"):
         run_disks(loaded, folder, screen, resume, overwrite)
     else:
-        run_field(loaded, folder, screen, resume, overwrite=overwrite)
+        run_field(loaded, folder, screen, resume, overwrite=overwrite, choice=choice)
     return read_results(folder)
 
 

@@ -216,7 +216,7 @@ ENTERED = {
     },
     "granfabric.dem_ref.sample.neighbours": {"_fill_pairs", "_carry_over"},
     "granfabric.dem_ref.dynamics.relaxation": {"_relax"},
-    "granfabric.dem_ref.dynamics.settling": {"_settle"},
+    "granfabric.dem_ref.dynamics.settling": {"_settle", "_settle_two_threads"},
     "granfabric.dem_ref.specimen.specimen": {"refresh_contacts", "bounded_steps", "write_back"},
     "granfabric.dem_ref.dynamics.motion": {"refresh_contacts", "advance", "advance_two_threads", "write_back"},
 }

@@ -16,7 +16,7 @@ import typer
 
 from granfabric.cases.errors import InputError, RunError
 
-from .engine_options import MapWorkersOption, SchedulerOption, ThreadsEachOption, ThreadsOption
+from .engine_options import MapWorkersOption, PointWorkersOption, SchedulerOption, ThreadsEachOption, ThreadsOption
 from .fit_options import CurvesArgument, DataOption, DataSetOption, FitOutputOption, FreeOption, MaterialFileOption
 from .hosts import HostOption, assists, leading
 from .picture_options import add_to, exit_by
@@ -156,6 +156,8 @@ def run(
     overwrite: OverwriteOption = False,
     assignments: SetOption = None,
     upgrade: UpgradeOption = False,
+    workers: PointWorkersOption = None,
+    scheduler: SchedulerOption = None,
     threads: ThreadsOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
@@ -167,6 +169,7 @@ def run(
     if assists(host):
         return
     with leading(host) as team, early_kernels() as kernels, _speaking(quiet, verbose) as screen:
+        from granfabric.cases.engine.choice import asked_for
         from granfabric.cases.scene import build
         from granfabric.cases.scene.reader import load
 
@@ -178,7 +181,8 @@ def run(
         loaded.require("field")
         kernels.start(build.kernels(loaded)[:1])
         accuracy_report.announce(loaded, screen)
-        record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels, overwrite, team)
+        choice = asked_for(workers, scheduler, threads)
+        record = run_field(loaded, _folder(output, loaded.name), screen, resume, kernels, overwrite, team, choice)
         while upgrade and record.outcome == "finished" and record.details.get("upgrade"):
             loaded = _upgraded(scene, given, record, screen)
             record = run_field(loaded, _folder(output, loaded.name), screen, False, kernels, overwrite, team)

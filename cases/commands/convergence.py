@@ -19,6 +19,7 @@ from granfabric.cases.pictures.style import BLUE, RED, picture
 from granfabric.cases.records import files
 from granfabric.cases.records.record import versions
 from granfabric.cases.scene.reader import LoadedScene, load
+from granfabric.cases.scene.schema_law_kind import is_grains
 from granfabric.cases.terminal.screen import Screen
 from granfabric.fem.equilibrium.results import StepResult
 from granfabric.fem.equilibrium.stepping import solve
@@ -121,7 +122,11 @@ def run_convergence(
         raise InputError(
             f"--refine {','.join(map(str, refinements))}: give two or more ascending factors such as 1,2,4"
         )
-    load(scene, assignments).require("field")  # before keys are given that other kinds do not know
+    first = load(scene, assignments)  # before keys are given that other kinds do not know
+    first.require("field")
+    if is_grains(first.scene):
+        text = "law.kind = 'grains': no closed form is known of disks, so that there is nothing to converge to"
+        raise first.error(["law", "kind"], text)
     every = [load(scene, [*assignments, *CONSTANT_STIFFNESS, f"mesh.refine={factor}"]) for factor in refinements]
     owner = replace(every[0].owner, kind="convergence")
     files.check_output(folder, owner, overwrite)

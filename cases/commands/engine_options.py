@@ -54,6 +54,14 @@ WorkersIfAskedOption = Annotated[
     Optional[int],  # noqa: UP045
     typer.Option("--workers", metavar="N", help="Processes at work side by side, 1 if not given."),
 ]
+PointWorkersOption = Annotated[
+    Optional[int],  # noqa: UP045
+    typer.Option(
+        "--workers",
+        metavar="N",
+        help="With grains at the points: processes that the points are shared out to, with --threads each (1).",
+    ),
+]
 MapWorkersOption = Annotated[
     Optional[int],  # noqa: UP045
     typer.Option(

@@ -25,7 +25,7 @@ PictureFormatOption = Annotated[
 ]
 """Where `--format` means that of another file."""
 
-DRAWING = {"run", "point", "dem", "verify", "cost", "convergence", "measure", "fit", "mesh", "plot"}
+DRAWING = {"run", "point", "dem", "verify", "cost", "convergence", "measure", "fit", "mesh", "plot", "sweep"}
 
 
 def add_to(app: typer.Typer) -> None:

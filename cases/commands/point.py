@@ -15,7 +15,9 @@ from granfabric.cases.records import files, pore_columns
 from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import start_state
-from granfabric.cases.scene import build
+from granfabric.cases.records.units import units
+from granfabric.cases.scene import build, magnitudes
+from granfabric.cases.scene.drainage import without_fluid
 from granfabric.cases.scene.effects_choice import resolve_effects
 from granfabric.cases.scene.point_path import legs_of, remarks
 from granfabric.cases.scene.reader import LoadedScene
@@ -67,11 +69,12 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
     """
     since, owner = time.perf_counter(), loaded.owner
     loaded.require("point")
+    increments = refuse_too_long(loaded)
     legs = legs_of(loaded.scene)
-    increments = sum(leg.increments for leg in legs)
-    memory.refuse_beyond(BYTES_PER_STEP * increments, f"{loaded.file}: path, {increments} increments in all,")
     files.check_output(folder, owner, overwrite)
-    for text in remarks(loaded.scene):
+    initial = loaded.scene.initial.stress
+    doubts = (*without_fluid(loaded), *magnitudes.hints(loaded, -0.5 * (initial[0] + initial[1])))
+    for text in (*remarks(loaded.scene), *doubts):
         screen.say(text)
     made = point_start.begin(loaded, screen) if is_grains(loaded.scene) else _begin(loaded, screen)
     loaded, scene, effects, law = made.loaded, made.loaded.scene, made.effects, made.law
@@ -107,6 +110,7 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
             record.timing["compilation"] = made.compilation + watch.seconds
             record.timing["path"] -= watch.seconds
             names = list(history.columns)
+            record.details["columns"] = units(names)
             rows = list(zip(*(history.columns[name].tolist() for name in names)))
             try:
                 files.write_text(folder / files.HISTORY, files.csv_text(names, rows))
@@ -129,6 +133,19 @@ def run_point(loaded: LoadedScene, folder: Path, screen: Screen, overwrite: bool
             effects_audit.conclude(audit, loaded, record, screen)
             record.write()
         return record
+
+
+def refuse_too_long(loaded: LoadedScene) -> int:
+    """Increments of all legs of a point scene.
+
+    Raises
+    ------
+    InputError
+        If their history does not fit into memory.
+    """
+    increments = sum(leg.increments for leg in loaded.scene.path)
+    memory.refuse_beyond(BYTES_PER_STEP * increments, f"{loaded.file}: path, {increments} increments in all,")
+    return increments
 
 
 def _begin(loaded: LoadedScene, screen: Screen) -> PointStart:

@@ -15,18 +15,21 @@ from granfabric.cases.effects import audit as effects_audit
 from granfabric.cases.effects import report as effects_report
 from granfabric.cases.effects.decision import Decision
 from granfabric.cases.effects.resolve import is_undecided, resolve_field
-from granfabric.cases.errors import InputError
+from granfabric.cases.engine.choice import Choice
+from granfabric.cases.errors import InputError, RunError
 from granfabric.cases.field import comparison, grains_run, initial_balance, locking, mesh_error_estimate, mesh_table
 from granfabric.cases.field.body_report import BodyReport
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.records import files, pore_columns, resumption
 from granfabric.cases.records.field_history import FieldHistory
 from granfabric.cases.records.field_recorder import FieldRecorder
+from granfabric.cases.records.numbers import names_of_numbers, region_at
 from granfabric.cases.records.pulling import pulling_stress
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.replay import write_failed_point
 from granfabric.cases.records.units import units
 from granfabric.cases.scene import build, effects_choice
+from granfabric.cases.scene.drainage import without_fluid
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.scene.schema_law_kind import is_grains
 from granfabric.cases.terminal.compile_watch import CompileWatch, watching
@@ -34,12 +37,12 @@ from granfabric.cases.terminal.early_kernels import EarlyKernels
 from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 from granfabric.constitutive import warm_up as constitutive_warm_up
-from granfabric.constitutive.contract import LawDescription
 from granfabric.constitutive.effective_stress import effective_stress
 from granfabric.fem import warm_up as fem_warm_up
 from granfabric.fem.equilibrium.checkpoint import Checkpoint, CheckpointError, CheckpointFolder
 from granfabric.fem.equilibrium.control import ControlError
 from granfabric.fem.equilibrium.results import RunSummary, StepResult
+from granfabric.fem.loads.problem import Problem
 from granfabric.fem.output.fields import OutputError
 
 from . import hosts
@@ -61,6 +64,7 @@ def run_field(
     kernels: EarlyKernels | None = None,
     overwrite: bool = False,
     team: Team | None = None,
+    choice: Choice | None = None,
 ) -> Record:
     """Compute a field scene and write its files.
 
@@ -80,6 +84,8 @@ def run_field(
         Replace results of another scene too.
     team : Team, optional
         Ranks of the host "fenicsx"; the own host computes if not given.
+    choice : Choice, optional
+        Workers that hold the points of a scene with grains; the threads of this process if not given.
 
     Returns
     -------
@@ -101,6 +107,7 @@ def run_field(
         ExitStack() as hold,
     ):
         files.check_output(folder, owner, overwrite or resume)
+        grains_run.check(loaded, choice)
         earlier = None
         if resume:
             resumption.earlier_record(folder)
@@ -111,6 +118,8 @@ def run_field(
             effects_choice.check(loaded)
         prepared = prepare(loaded)
         hosts.check(team, loaded, prepared.problem)
+        for text in without_fluid(loaded):
+            screen.say(text)
         if earlier is not None and not grains and is_undecided(earlier):
             same, as_begun, _ = resolve_field(loaded, prepared, earlier)
             scene = resolved(same, as_begun.effects)
@@ -122,7 +131,7 @@ def run_field(
         waited = 0.0 if earlier is not None else _compile(loaded, kernels, watch, stop)
         decision: Decision | None = None
         if grains:
-            prepared = grains_run.begin(loaded, prepared, screen, stop)
+            prepared = grains_run.begin(loaded, prepared, screen, stop, hold, choice)
         else:
             loaded, prepared, decision = resolve_field(loaded, prepared, earlier, stop())
         problem = prepared.problem
@@ -139,10 +148,11 @@ def run_field(
                 checkpoints.remove()
                 record.outcome, record.message = "finished", earlier["message"]
                 return record
-            resumed = _last_checkpoint(checkpoints, earlier, screen)
+            resumed = grains_run.taken_up(problem.law, _last_checkpoint(checkpoints, earlier, screen))
         record.details["host"] = hosts.as_data(team)
         record.details["mesh_digest"] = digest
         record.details["mesh_groups"] = mesh_table.as_data(problem.space.host_mesh, second_order)
+        record.details["numbers"] = names_of_numbers(problem.space.host_mesh, loaded.scene.materials)
         record.details["size"] = {
             "elements": problem.space.nelements,
             "degrees_of_freedom": problem.space.ndofs,
@@ -207,7 +217,7 @@ def run_field(
                         on_step=on_step,
                         stop=stop,
                         resume=resumed,
-                        on_checkpoint=recorder.save,
+                        on_checkpoint=grains_run.kept(problem.law, recorder.save),
                         clock=watch.clock,
                     )
                     recorder.close()
@@ -218,7 +228,9 @@ def run_field(
             except KeyboardInterrupt as error:
                 more = grains_run.how_to_go_on(problem.law)
                 raise record.broken_off(f"interrupted within a step{more}") from error
-        _finish(record, summary, stop.requested, balance, problem.law.description)
+            except RunError as error:  # workers that are gone
+                raise record.broken_off(str(error)) from error
+        _finish(record, summary, stop.requested, balance, problem)
         record.timing["output"] += recorder.closing
         record.timing["writer"] = recorder.writing
         if summary.failed_point is not None and record.outcome == "failed":
@@ -297,12 +309,12 @@ def _finish(
     summary: RunSummary,
     stopped: bool,
     balance: initial_balance.Balance,
-    description: LawDescription,
+    problem: Problem,
 ) -> None:
     record.outcome = "finished" if summary.finished else "stopped" if stopped else "failed"
     record.message = summary.message
     if record.outcome == "failed":
-        record.message += _failed_place(record, summary, description) + balance.reminder(summary.stage)
+        record.message += _failed_place(record, summary, problem) + balance.reminder(summary.stage)
     record.details["counters"] = dict(summary.counters)
     record.details["linear_solver"] = summary.solver
     if summary.band_fraction > 0.0:
@@ -311,14 +323,17 @@ def _finish(
     record.timing.update(summary.seconds)
 
 
-def _failed_place(record: Record, summary: RunSummary, description: LawDescription) -> str:
+def _failed_place(record: Record, summary: RunSummary, problem: Problem) -> str:
     """Where the law could not be followed, how far the stress had come there, and what bounds it."""
     failed = summary.failed_point
     if failed is None:
         return ""
-    xx, yy, xy = effective_stress(failed.stress_start, failed.state_start, description).tolist()
+    xx, yy, xy = effective_stress(failed.stress_start, failed.state_start, problem.law.description).tolist()
     pressure, deviator = -0.5 * (xx + yy), float(np.hypot(0.5 * (xx - yy), xy))
     said = f" (point {failed.point} at ({failed.position[0]:.4g}, {failed.position[1]:.4g}) m"
+    mesh = problem.space.host_mesh
+    if len(mesh.regions) > 1 and (region := region_at(mesh, int(problem.space.point_cell[failed.point]))):
+        said += f" in region {region!r}"
     ratio = deviator / pressure if pressure > 0.0 else 0.0
     if ratio:
         said += f", q/p = {ratio:.3g}"

@@ -14,12 +14,14 @@ from granfabric.cases.engine import kernels
 from granfabric.cases.engine.choice import Choice
 from granfabric.cases.engine.jobs import Ended, Job
 from granfabric.cases.errors import InputError, several
+from granfabric.cases.pictures import formats
 from granfabric.cases.records import files
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.resumption import identity, mesh_digest, other_versions
 from granfabric.cases.scene import build
 from granfabric.cases.scene.owner import Owner
 from granfabric.cases.scene.reader import LoadedScene, load
+from granfabric.cases.scene.schema_law_kind import is_grains
 from granfabric.cases.sweep import record as kept
 from granfabric.cases.sweep.field_columns import refuse_missing
 from granfabric.cases.sweep.plan import Plan, Request, Run, plan_of
@@ -28,16 +30,17 @@ from granfabric.cases.sweep.results import Result, results_of
 from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen, spread
 
+from .ready import refuse_unready
 from .sweep_run import run_one
 
 COMPILATION_SECONDS = 20
 """Rough time to compile the kernels, by whichever process comes first."""
 PICTURES = "output.pictures"
 MOST_WRONG = 200
-"""Runs with errors after which no more are checked."""
+"""Errors of runs after which no more are checked."""
 SAVE_SECONDS = 5.0
 """Least time between two writings of the tables while runs are at work."""
-SHOWN_RUNS, SHOWN_FAILURES = 12, 20
+SHOWN_RUNS, SHOWN_FAILURES, SHOWN_WRONG = 12, 20, 4
 
 
 @dataclass(frozen=True)
@@ -172,7 +175,7 @@ def _check(sweep: Sweep, screen: Screen) -> _Checked:
     plan = plan_of(sweep.request)
     if not sweep.pictures:
         plan = Plan(plan.keys, [_without_pictures(run) for run in plan.runs])
-    wrong: list[str] = []
+    wrong: dict[str, list[Run]] = {}
     marks: dict[str, str] = {}
     kinds: dict[str, LoadedScene] = {}
     base: dict[str, Any] = {}
@@ -182,6 +185,7 @@ def _check(sweep: Sweep, screen: Screen) -> _Checked:
         for place, run in enumerate(plan.runs):
             try:
                 loaded = load(sweep.scene, run.assignments)
+                refuse_unready(loaded)
                 table = resolved(loaded, None)
                 file = table.get("mesh", {}).get("file")
                 if file not in digests:
@@ -191,13 +195,13 @@ def _check(sweep: Sweep, screen: Screen) -> _Checked:
                 groups.update(_kernels(loaded))
                 base = base or table
             except InputError as error:
-                lines = str(error).split("\n")
-                wrong += [f"{run.origin}: {_without_option(line)}" if run.origin else line for line in lines]
-                if len(wrong) >= MOST_WRONG:
+                for line in str(error).split("\n"):
+                    wrong.setdefault(line, []).append(run)
+                if sum(map(len, wrong.values())) >= MOST_WRONG:
                     break
             advance(place + 1.0, f"{place + 1} of {len(plan.runs)}")
     if wrong:
-        raise several(wrong)
+        raise several([text for line, runs in wrong.items() for text in _of_runs(line, runs, len(plan.runs))])
     if len(kinds) > 1:
         raise InputError(f"runs of different kinds ({', '.join(kinds)}) are no sweep; leave 'kind' as it is")
     ((kind, loaded),) = kinds.items()
@@ -207,6 +211,17 @@ def _check(sweep: Sweep, screen: Screen) -> _Checked:
     # what is the same in all runs: the scene as it stands with what has one value, the first of what has several
     called = loaded.called if loaded.called == loaded.name else str(loaded.file.resolve())
     return _Checked(plan, _common(base, plan), marks, results, loaded, called, tuple(sorted(groups)))
+
+
+def _of_runs(line: str, runs: Sequence[Run], of: int) -> list[str]:
+    """A message, with the runs of which it tells: by line or sample if they have one, else by their names."""
+    if any(run.origin for run in runs):
+        return [f"{run.origin}: {_without_option(line)}" for run in runs]
+    if len(runs) == of:
+        return [line]
+    more = f" and {len(runs) - SHOWN_WRONG} more" if len(runs) > SHOWN_WRONG else ""
+    many = "run" if len(runs) == 1 else "runs"
+    return [f"{many} {', '.join(run.name for run in runs[:SHOWN_WRONG])}{more}: {line}"]
 
 
 def _without_option(line: str) -> str:
@@ -240,7 +255,7 @@ def _kernels(loaded: LoadedScene) -> tuple[str, ...]:
     """Groups of compiled kernels that a run calls."""
     if loaded.scene.kind in ("dem", "specimen"):
         return ("dem",)
-    law = tuple(build.kernels(loaded))
+    law = ("dem",) if is_grains(loaded.scene) else tuple(build.kernels(loaded))
     return (*law, "host") if loaded.scene.kind == "field" else law
 
 
@@ -273,8 +288,8 @@ def _compute(
     texts = tuple(result.text for result in checked.results)
     function = f"{run_one.__module__}:{run_one.__name__}"
     jobs = [
-        Job(run.name, run.name, function, (checked.called, run.assignments, str(place / run.name), here, texts),
-            checked.kernels)
+        Job(run.name, run.name, function,
+            (checked.called, run.assignments, str(place / run.name), here, texts, formats.chosen()), checked.kernels)
         for run in todo
     ]  # fmt: skip
     saved = time.monotonic()
@@ -321,7 +336,7 @@ def _conclude(record: Record, plan: Plan, states: dict[str, State], stopped: boo
         record.message = f"{why}; {left} of {len(outcomes)} runs are left, --resume goes on from here"
     elif record.details["failed"]:
         record.outcome = "failed"
-        many = "run" if len(record.details["failed"]) == 1 else "runs"
+        many = "run" if len(outcomes) == 1 else "runs"
         record.message = f"{len(record.details['failed'])} of {len(outcomes)} {many} failed, see {kept.INDEX}"
     else:
         record.outcome = "finished"

@@ -11,6 +11,7 @@ from pathlib import Path
 from rich.console import Console
 
 from granfabric.cases.errors import InputError, RunError
+from granfabric.cases.pictures import formats
 from granfabric.cases.records import files, lock
 from granfabric.cases.records.record import Record
 from granfabric.cases.scene.reader import COMMANDS, LoadedScene, load
@@ -48,6 +49,7 @@ def run_one(
     folder: str,
     here: str,
     results: tuple[str, ...],
+    kinds: tuple[str, ...],
     report: Callable[[float], None],
     stop: Callable[[], bool],
 ) -> State:
@@ -64,6 +66,8 @@ def run_one(
         Working folder of the command, for files that are named by assignments.
     results : tuple of str
         Numbers that are taken from its files.
+    kinds : tuple of str
+        Formats of its pictures.
     report, stop : callable
     """
     since = time.monotonic()
@@ -72,7 +76,7 @@ def run_one(
             loaded = load(scene, assignments, Path(here))
             words = [COMMANDS[loaded.scene.kind], scene, *(word for text in assignments for word in ("--set", text))]
             screen = Unseen(report, [*words, "-o", folder])
-            with asked_of(stop), lock.command(), screen.listening():
+            with asked_of(stop), lock.command(), screen.listening(), formats.written_as(kinds):
                 record = _compute(loaded, Path(folder), screen)
             numbers = evaluate(Path(folder), results_of(results, loaded.scene.kind))
             return State(record.outcome, record.message, record.timing.get("total", 0.0), numbers)

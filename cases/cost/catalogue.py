@@ -16,6 +16,7 @@ from . import (
     integrators,
     load_steps,
     mesh,
+    output,
     tangents,
 )
 from .study import Study
@@ -30,6 +31,7 @@ STUDIES: dict[str, Study] = {
         mesh.STUDY,
         footing.STUDY,
         load_steps.STUDY,
+        output.STUDY,
         dem.STUDY,
         closures.STUDY,
         effects.STUDY,

@@ -12,7 +12,9 @@ from granfabric.cases.terminal.screen import Screen
 
 from .jobs import Engine, Stop
 from .local import Here, Processes
+from .local_crew import LocalCrew
 from .machine import checked_number, checked_threads, cores
+from .parts import Crew, Part
 
 MOST_WORKERS = 1000
 
@@ -86,3 +88,35 @@ class Choice:
         if jobs is not None:
             workers = min(workers, max(1, jobs))
         yield Here(threads) if workers == 1 else Processes(workers, threads)
+
+    @contextmanager
+    def crew(self, part: Part, most: int, screen: Screen, stop: Stop) -> Iterator[Crew]:
+        """Workers that hold a part each.
+
+        Parameters
+        ----------
+        part : Part
+            How each of them begins.
+        most : int
+            More workers than that are not begun.
+        screen : Screen
+        stop : callable
+
+        Raises
+        ------
+        InputError, RunError
+        """
+        threads = self.threads or 1
+        if self.scheduler is not None:
+            from . import cluster_crew
+
+            with cluster_crew.crew(self.scheduler, screen, stop, part, most, threads) as distant:
+                yield distant
+            return
+        with LocalCrew(min(self.workers or 1, most), part, threads) as near:
+            yield near
+
+
+def asked_for(workers: int | None, scheduler: str | None, threads: int | None) -> Choice | None:
+    """Workers, if any were asked for."""
+    return None if workers is None and scheduler is None else Choice(workers, scheduler, threads)

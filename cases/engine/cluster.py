@@ -38,15 +38,15 @@ SHOWN = 4
 
 
 @contextmanager
-def connected(address: str, folder: Path, screen: Screen, stop: Stop, threads: int = 1) -> Iterator[Cluster]:
+def connected(address: str, folder: Path | None, screen: Screen, stop: Stop, threads: int = 1) -> Iterator[Cluster]:
     """A cluster whose workers are fit for jobs that keep their results in a folder.
 
     Parameters
     ----------
     address : str
         Of the scheduler, such as ``tcp://host:8786``.
-    folder : Path
-        Existing; every worker has to see it at the same path.
+    folder : Path or None
+        Existing; every worker has to see it at the same path. None if they need none.
     screen : Screen
     stop : callable
         Asked while there are no workers yet.
@@ -59,17 +59,20 @@ def connected(address: str, folder: Path, screen: Screen, stop: Stop, threads: i
         If Dask is not installed, no scheduler answers, or a worker is not fit.
     """
     session = f"0{uuid.uuid4().hex[:12]}"
-    token = folder.resolve() / f".granfabric-{session}"
+    token = None if folder is None else folder.resolve() / f".granfabric-{session}"
     with _client(address) as client:
         try:
-            token.write_text(session)
-            cluster = Cluster(client, address, remote.Terms(session, str(token), machine.versions(), threads), screen)
+            if token is not None:
+                token.write_text(session)
+            seen = "" if token is None else str(token)
+            cluster = Cluster(client, address, remote.Terms(session, seen, machine.versions(), threads), screen)
             cluster.wait_for_workers(stop)
             cluster.check()
             yield cluster
         finally:
-            with suppress(OSError):
-                token.unlink()
+            if token is not None:
+                with suppress(OSError):
+                    token.unlink()
 
 
 def examine(address: str) -> None:
@@ -124,22 +127,22 @@ class Cluster:
     """
 
     def __init__(self, client: Any, address: str, terms: remote.Terms, screen: Screen) -> None:
-        self._client, self._address, self._terms, self._screen = client, address, terms, screen
+        self.client, self.address, self.terms, self._screen = client, address, terms, screen
         self.workers = 0
         self.text = ""
 
     def wait_for_workers(self, stop: Stop) -> None:
         """Wait for the first worker; more may come at any time."""
         said = False
-        while not self._client.nthreads() and not stop():
+        while not self.client.nthreads() and not stop():
             if not said:
-                self._screen.say(f"waiting for workers at {self._address} (Ctrl-C stops)")
+                self._screen.say(f"waiting for workers at {self.address} (Ctrl-C stops)")
                 said = True
             time.sleep(0.5)
-        self.workers = len(self._client.nthreads())
+        self.workers = len(self.client.nthreads())
         many = "worker" if self.workers == 1 else "workers"
-        self.text = f"{self.workers} {many} at {self._address}"
-        self._terms = replace(self._terms, report_seconds=max(1.0, self.workers / REPORTS_A_SECOND))
+        self.text = f"{self.workers} {many} at {self.address}"
+        self.terms = replace(self.terms, report_seconds=max(1.0, self.workers / REPORTS_A_SECOND))
 
     def check(self) -> None:
         """See that all workers are fit: one job at a time, the same versions, the folder in sight.
@@ -149,7 +152,7 @@ class Cluster:
         InputError
             What is wrong, and with whom.
         """
-        found = self._client.run(remote.examination(self._terms), on_error="return")
+        found = self.client.run(remote.examination(self.terms), on_error="return")
         wrong: dict[str, list[str]] = {}
         processors: dict[str, int] = {}
         for worker, said in found.items():
@@ -166,7 +169,7 @@ class Cluster:
 
     def carry_out(self, first: Iterable[Job], follow: Follow, advance: Advance, stop: Stop) -> None:
         """See `Engine`."""
-        client, ended = self._client, queue.SimpleQueue[Any]()
+        client, ended = self.client, queue.SimpleQueue[Any]()
         pending: dict[str, tuple[Job, Any]] = {}
         working: dict[str, float] = {}
         suspects, tried = deque[Job](), set[str]()
@@ -174,8 +177,8 @@ class Cluster:
 
         def submit(jobs: Iterable[Job]) -> None:
             for job in jobs:
-                key = f"{GROUP}-{self._terms.session}-{job.key}{'-alone' if job.key in tried else ''}"
-                future = client.submit(remote.perform, job, key, self._terms, key=key, pure=False, priority=rank)
+                key = f"{GROUP}-{self.terms.session}-{job.key}{'-alone' if job.key in tried else ''}"
+                future = client.submit(remote.perform, job, key, self.terms, key=key, pure=False, priority=rank)
                 pending[key] = (job, future)
                 future.add_done_callback(lambda done, key=key: ended.put(key))
 
@@ -184,7 +187,7 @@ class Cluster:
             if key in pending:
                 working[key] = fraction
 
-        topic = f"granfabric-{self._terms.session}"
+        topic = f"granfabric-{self.terms.session}"
         client.subscribe_topic(topic, note)
         asked, looked = False, time.monotonic()
         try:
@@ -253,12 +256,12 @@ class Cluster:
     def _ask_to_stop(self, pending: dict[str, tuple[Job, Any]]) -> None:
         """Take back what has not begun, ask what is at work."""
         with suppress(Exception):
-            begun = {str(key) for keys in self._client.processing().values() for key in keys}
+            begun = {str(key) for keys in self.client.processing().values() for key in keys}
             waiting = [key for key in pending if key not in begun]
-            self._client.cancel([pending[key][1] for key in waiting])
+            self.client.cancel([pending[key][1] for key in waiting])
             for key in waiting:
                 del pending[key]
-            self._client.run(remote.stopping(self._terms), on_error="ignore")
+            self.client.run(remote.stopping(self.terms), on_error="ignore")
 
     def _look(self) -> None:
         """Say that there is nobody left to work; give up if the scheduler is gone.
@@ -268,15 +271,15 @@ class Cluster:
         RunError
         """
         try:
-            if self._client.status not in ("running", "connecting"):
+            if self.client.status not in ("running", "connecting"):
                 raise OSError("the connection is closed")
-            workers = len(self._client.nthreads())
+            workers = len(self.client.nthreads())
         except Exception as error:
             raise RunError(
-                f"the scheduler at {self._address} is gone ({_first_line(error)}); what has finished is kept"
+                f"the scheduler at {self.address} is gone ({_first_line(error)}); what has finished is kept"
             ) from error
         if workers == 0 and self.workers:
-            self._screen.say(f"warning: no workers are left at {self._address}; waiting for others (Ctrl-C stops)")
+            self._screen.say(f"warning: no workers are left at {self.address}; waiting for others (Ctrl-C stops)")
         self.workers = workers
 
 

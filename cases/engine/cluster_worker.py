@@ -10,6 +10,7 @@ from typing import Any
 
 from . import kernels, machine
 from .jobs import Ended, Job, call, portable
+from .parts import Part
 
 _stopped: set[str] = set()
 """Sessions that were asked to stop."""
@@ -129,3 +130,52 @@ def perform(job: Job, key: str, terms: Terms) -> Ended:
             return Ended(call(job, report, stop))
     except Exception as error:
         return Ended(error=portable(error, job.text))
+
+
+class HeldPart:
+    """A part of something that this worker keeps, as an actor; see `parts`.
+
+    Raises
+    ------
+    UnfitError
+    """
+
+    def __init__(self, place: int, terms: Terms) -> None:
+        from distributed import get_worker
+
+        self._worker: Any = get_worker()
+        self._place, self._terms = place, terms
+        why = refusal(terms, self._worker)
+        if why:
+            raise UnfitError(why)
+        self._part: Any = None
+
+    def make(self, part: Part) -> Ended:
+        """Make the part, which is sent here directly."""
+        try:
+            kernels.make_ready(part.kernels)
+            with machine.threads(self._terms.threads):
+                self._part = part.make(self._terms.threads)
+            return Ended()
+        except Exception as error:
+            return Ended(error=portable(error, "a part of the work"))
+
+    def ask(self, method: str, arguments: tuple[Any, ...]) -> Ended:
+        """Call a method of the part."""
+        last, topic = time.monotonic(), f"granfabric-{self._terms.session}"
+
+        def report(fraction: float) -> None:
+            nonlocal last
+            now = time.monotonic()
+            if now - last > self._terms.report_seconds:
+                last = now
+                self._worker.log_event(topic, (self._place, float(fraction)))
+
+        def stop() -> bool:
+            return self._terms.session in _stopped
+
+        try:
+            with machine.threads(self._terms.threads):
+                return Ended(getattr(self._part, method)(*arguments, report, stop))
+        except Exception as error:
+            return Ended(error=portable(error, method))

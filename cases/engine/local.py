@@ -70,14 +70,14 @@ class Processes:
     def carry_out(self, first: Iterable[Job], follow: Follow, advance: Advance, stop: Stop) -> None:
         """See `Engine`. A job whose process ends by itself is begun once more, in a new process."""
         ready, lost = deque(first), dict[str, int]()
-        crew = [_Worker(self.threads) for _ in range(min(self.workers, max(2, len(ready))))]
+        crew = [Worker(self.threads) for _ in range(min(self.workers, max(2, len(ready))))]
         try:
             while any(worker.job for worker in crew) or (ready and not stop()):
                 for place, worker in enumerate(crew):
                     if worker.job is None and ready and not stop():
                         if worker.gone:  # between two jobs
                             worker.end()
-                            worker = crew[place] = _Worker(self.threads)
+                            worker = crew[place] = Worker(self.threads)
                         worker.begin(ready.popleft())
                 if stop():
                     for worker in crew:
@@ -90,7 +90,7 @@ class Processes:
                         continue
                     if isinstance(ended.error, WorkerLost):
                         crew[place].end()
-                        crew[place] = _Worker(self.threads)
+                        crew[place] = Worker(self.threads)
                         lost[job.key] = lost.get(job.key, 0) + 1
                         if stop():  # it was told to end as well
                             continue
@@ -104,8 +104,8 @@ class Processes:
                 worker.end()
 
 
-class _Worker:
-    """A process that does one job after the other.
+class Worker:
+    """A process that does one job after the other; what one of them leaves behind, the next ones find.
 
     Processes are started anew instead of forked: the compiler's threads do not survive a fork. Ctrl-C is for the
     process that began them; what is at work is asked through its connection.

@@ -127,7 +127,15 @@ def grains_law(
             raise loaded.error(["initial"], f"initial.stress = [{carried}] Pa: {error}") from error
     if source.made:
         screen.say(f"{source.made} packings of {count} disks made or loaded, and kept in {place}")
-    law = GrainsLaw(samples, pace, secant=section.tangent == "secant", lost_pressure=section.lost_pressure)
+
+    def under(number: int, at: Array) -> Sample:
+        key = (number, *at.tolist())
+        if key not in found:
+            found[key] = source.under(packing.seed + number, at)
+        return found[key]
+
+    secant = section.tangent == "secant"
+    law = GrainsLaw(samples, pace, secant, lost_pressure=section.lost_pressure, under=under)
     return law, _rows(loaded, law, [found[key] for key in keys], stress)
 
 
@@ -154,8 +162,26 @@ def _refuse_too_many(loaded: LoadedScene, disks: int, points: int) -> None:
     memory.refuse_beyond(needed, f"{loaded.file}: {points} points with {disks} disks each")
 
 
-def with_grains(loaded: LoadedScene, prepared: Prepared, screen: Screen, stop: Callable[[], bool]) -> Prepared:
-    """The problem with grains at its points.
+def _refuse_without_pressure(loaded: LoadedScene) -> None:
+    for number, stage in enumerate(loaded.scene.stage):
+        if stage.activate and not stage.fill_pressure > 0.0:
+            keys = ["stage", number]
+            raise loaded.error(
+                keys,
+                f"{loaded.label(keys)}: fill_pressure = {stage.fill_pressure:g} Pa: without pressure a packing carries "
+                "nothing; give the pressure under which the fill is placed, of the order of its unit weight times the "
+                "height of a layer",
+            )
+
+
+def with_grains(
+    loaded: LoadedScene,
+    prepared: Prepared,
+    screen: Screen,
+    stop: Callable[[], bool],
+    spread: Callable[[GrainsLaw, Array], tuple[GrainsLaw, Array]] = lambda law, state: (law, state),
+) -> Prepared:
+    """The problem with grains at its points, which `spread` may share out to workers.
 
     Raises
     ------
@@ -163,7 +189,8 @@ def with_grains(loaded: LoadedScene, prepared: Prepared, screen: Screen, stop: C
         As `grains_law`.
     """
     problem = prepared.problem
-    law, state = grains_law(loaded, problem.initial_stress, screen, stop)
+    _refuse_without_pressure(loaded)
+    law, state = spread(*grains_law(loaded, problem.initial_stress, screen, stop))
     try:
         made = Problem(
             problem.space,

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from granfabric.cases.records.record import Record
+from granfabric.cases.scene import magnitudes
 from granfabric.cases.scene.reader import LoadedScene
-from granfabric.cases.scene.schema_law_kind import is_grains
 from granfabric.cases.terminal.screen import Screen
 from granfabric.fem.discretisation.space import Space
 from granfabric.fem.equilibrium.imbalance import InitialImbalance, initial_imbalance
@@ -27,8 +27,6 @@ WARNED = 1e-2
 """Fraction of the nodal forces out of balance from which a run warns."""
 IN_BALANCE = 1e-9
 """Below this fraction only rounding and quadrature are out of balance."""
-STIFF = 3e6
-"""kn/p above which a pressure in kPa is suspected; packings of hard grains have 1e3 to 1e6."""
 RELEASED = 1e-9
 """Reactions of released supports below this fraction of all nodal forces are not worth a line."""
 
@@ -149,7 +147,8 @@ def announce(balance: Balance, loaded: LoadedScene, problem: Problem, record: Re
     """Say and record how the initial state is balanced; say which loads are tensile, and which add to others."""
     record.details["initial_imbalance"] = balance.as_data()
     screen.say(balance.text())
-    slips = (*unheld(loaded, problem), *unchanged(loaded, problem), *soft(loaded, problem), *pulling(loaded, problem))
+    units = doubtful_units(loaded, problem)
+    slips = (*units, *unheld(loaded, problem), *unchanged(loaded, problem), *pulling(loaded, problem))
     for text in (*slips, *adding(loaded, problem.space.host_mesh), *snapped(loaded, problem)):
         screen.say(text)
 
@@ -208,21 +207,12 @@ def unchanged(loaded: LoadedScene, problem: Problem) -> list[str]:
     ]
 
 
-def soft(loaded: LoadedScene, problem: Problem) -> list[str]:
-    """A warning if contacts are so stiff for the initial pressure that a unit must have been taken for another."""
-    if is_grains(loaded.scene):  # whose packings have bounds of their own
-        return []
+def doubtful_units(loaded: LoadedScene, problem: Problem) -> list[str]:
+    """Warnings on what is hardly meant in the unit in which it is taken, see `magnitudes`."""
     body = problem.program.terms[0].body
     stress = problem.initial_stress if body is None else problem.initial_stress[body.active[problem.space.point_cell]]
     pressure = float(-0.5 * (stress[:, 0] + stress[:, 1]).mean())
-    materials = list(loaded.scene.materials.values()) or [loaded.scene.material]
-    ratio = max(material.normal_stiffness for material in materials) / pressure if pressure > 0.0 else 0.0
-    if ratio <= STIFF:
-        return []
-    return [
-        f"warning: mean initial pressure {pressure:.4g} Pa, kn/p = {ratio:.1g}: stresses are in Pa, not kPa (100 kPa "
-        "is 100e3)"
-    ]
+    return magnitudes.hints(loaded, pressure, float(np.ptp(problem.space.nodes, axis=0).max()))
 
 
 def pulling(loaded: LoadedScene, problem: Problem) -> list[str]:

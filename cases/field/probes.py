@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,30 +30,33 @@ def probe_places(loaded: LoadedScene, space: Space) -> dict[str, Array]:
     probes = loaded.scene.output.probe
     if not probes:
         return {}
-    nodes = parts(space)
-    locator = Locator(space.nodes, *whole_cells(space, nodes))
-    found, wrong = {}, []
-    for number, probe in enumerate(probes):
+    found: dict[str, Array] = {}
+    for probe in probes:
         start, end = getattr(probe, "from"), probe.to
         if probe.point is not None:
-            places, count = np.array([probe.point]), 1
+            found[probe.name] = np.array([probe.point])
         else:
-            count = probe.count or COUNT
-            fraction = np.linspace(0.0, 1.0, count)[:, None]
-            places = np.array(start) * (1.0 - fraction) + np.array(end) * fraction
-        outside = np.flatnonzero(locator.find(places, ON_THE_EDGE)[0][:, 0] < 0)
-        if len(outside):
-            x, y = places[outside[0]]
-            near = nearest_on_boundary(space.host_mesh, places[outside[0]], space.order == 2)
-            which = "point" if count == 1 else f"{len(outside)} of {count} places of the line, first"
-            wrong.append(
-                (
-                    ["output", "probe", number],
-                    f"probe {probe.name!r}: {which} ({x:.6g}, {y:.6g}) m lies outside of the mesh; the nearest place "
-                    f"of the mesh is ({near[0]:.9g}, {near[1]:.9g}) m",
-                )
-            )
-        found[probe.name] = places
+            fraction = np.linspace(0.0, 1.0, probe.count or COUNT)[:, None]
+            found[probe.name] = np.array(start) * (1.0 - fraction) + np.array(end) * fraction
+    wrong = outside(space, found)
     if wrong:
-        raise loaded.errors(wrong)
+        places = enumerate(probe.name for probe in probes)
+        raise loaded.errors([(["output", "probe", number], wrong[name]) for number, name in places if name in wrong])
     return found
+
+
+def outside(space: Space, probes: Mapping[str, Array]) -> dict[str, str]:
+    """What is wrong with each probe that has places, shape (n, 2) [m], outside of the mesh."""
+    locator = Locator(space.nodes, *whole_cells(space, parts(space)))
+    wrong = {}
+    for name, places in probes.items():
+        beyond = np.flatnonzero(locator.find(places, ON_THE_EDGE)[0][:, 0] < 0)
+        if len(beyond):
+            x, y = places[beyond[0]]
+            near = nearest_on_boundary(space.host_mesh, places[beyond[0]], space.order == 2)
+            which = "point" if len(places) == 1 else f"{len(beyond)} of {len(places)} places of the line, first"
+            wrong[name] = (
+                f"probe {name!r}: {which} ({x:.6g}, {y:.6g}) m lies outside of the mesh; the nearest place of the mesh "
+                f"is ({near[0]:.9g}, {near[1]:.9g}) m"
+            )
+    return wrong

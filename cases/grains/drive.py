@@ -71,7 +71,7 @@ def drive(sample: Sample, increment: Array, pace: Pace) -> Driven:
     tensor = np.array([increment[0], increment[1], 0.5 * increment[2]])
     size = float(np.sqrt(tensor[0] ** 2 + tensor[1] ** 2 + 2.0 * tensor[2] ** 2))
     steps = max(1, ceil(size / pace.strain_step))
-    motion = Motion(sample)
+    motion = Motion(sample, threads=1)  # points are at work side by side
     motion.stress[:] = love_weber_stress(sample)
     # the strain of a step is not to be cut where it is the one that was asked for
     motion.run(steps, Control(drive=tensor / steps, fastest_rate=2.0 * size / steps + 1e-300))

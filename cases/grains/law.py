@@ -28,15 +28,13 @@ from granfabric.dem_ref.sample.neighbours import CellTooSmallError
 
 from . import packing_columns
 from .drive import Pace, drive
+from .failures import LARGEST_INCREMENT, GrainsReport
 from .network_stiffness import network_stiffness
 
 LOST_PRESSURE = 1e-2
 """Of the pressure that a packing began with: below, it carries nothing (its unbalanced force is zero then too)."""
 CARRIED = 1e-3
 """Of the pressure: by how much the stress of a packing may be off the initial one."""
-LARGEST_INCREMENT = 5e-3
-"""Norm of the strain increment of one call above which a point asks for a smaller one: it would take minutes, and is a
-trial far off."""
 KEPT = 4096
 """Stiffnesses of start states that are remembered, if there are not more points than half of it."""
 
@@ -79,6 +77,8 @@ class GrainsLaw:
         Points at work side by side, as many as numba may use if not given; the same bits for any number.
     lost_pressure : float, optional
         Mean pressure below which a packing carries nothing [Pa]; a hundredth of the one it began with if not given.
+    under : callable, optional
+        Gives packing number i loaded to a stress [Pa], for states under other stresses than those of the packings.
 
     Attributes
     ----------
@@ -87,6 +87,8 @@ class GrainsLaw:
     stop : callable, optional
         Asked before each point within a call whether to leave it.
     work : Work
+    steps_of_last : ndarray of int64, shape (npt,)
+        Steps of the motion that the points took in the last call.
 
     Raises
     ------
@@ -101,6 +103,7 @@ class GrainsLaw:
         secant: bool = True,
         threads: int | None = None,
         lost_pressure: float | None = None,
+        under: Callable[[int, Array], Sample] | None = None,
     ) -> None:
         self._packings = [packing.copy() for packing in packings]
         counts = {packing.count for packing in self._packings}
@@ -113,6 +116,7 @@ class GrainsLaw:
         self._secant = secant
         self._threads = threads
         self._lost = lost_pressure
+        self.under = under
         self.on_points: Callable[[int, int], None] | None = None
         self.stop: Callable[[], bool] | None = None
         self._stiffness: dict[bytes, Array] = {}
@@ -121,6 +125,12 @@ class GrainsLaw:
         hidden = Variable("packing", "the packing itself", "m", packing_columns.width(self.disks), hidden=True)
         self._description = LawDescription("grains", (*MEASURED, hidden), ())
         self.work = Work()
+        self.steps_of_last = np.zeros(0, dtype=np.int64)
+
+    @property
+    def recipe(self) -> tuple[list[Sample], Pace, bool, float | None]:
+        """Packings, pace, whether the tangent is a secant, and lost pressure: what makes the same law elsewhere."""
+        return self._packings, self.pace, self._secant, self._lost
 
     @property
     def description(self) -> LawDescription:
@@ -133,7 +143,7 @@ class GrainsLaw:
         Parameters
         ----------
         stress : ndarray, shape (npt, 3)
-            That of the packings within a thousandth of the pressure, see `granfabric.cases.grains.initial`.
+            That of the packings within a thousandth of the pressure, if nobody loads them (`under`).
 
         Raises
         ------
@@ -141,7 +151,10 @@ class GrainsLaw:
             If it is another.
         """
         stress, _ = stress_and_index(stress, material_index, 1)
-        return self.rows([self._packings[point % len(self._packings)] for point in range(len(stress))], stress)
+        numbers = np.arange(len(stress)) % len(self._packings)
+        if self.under is None:
+            return self.rows([self._packings[number] for number in numbers], stress)
+        return self.rows([self.under(int(number), wanted) for number, wanted in zip(numbers, stress)], stress)
 
     def rows(self, samples: Sequence[Sample], stress: Array) -> Array:
         """State of points from packings at rest that were loaded to the stress of each point.
@@ -231,10 +244,11 @@ class GrainsLaw:
             return True
 
         self._each(one, npoints)
+        self.steps_of_last = steps
         self.work = Work(self.work.steps + int(steps.sum()), self.work.calls + 1)
         ones = np.ones(npoints, dtype=np.int32)
         failed = bool((status > Status.LIMITED).any())
-        return UpdateReport(status, ones, np.zeros_like(ones), 0.5 if failed else 1.0)
+        return GrainsReport(status, ones, np.zeros_like(ones), 0.5 if failed else 1.0)
 
     def _each(self, one: Callable[[int], bool], npoints: int) -> None:
         """All points, side by side if there are threads; told as they are done, and left when asked to stop."""
@@ -267,7 +281,7 @@ class GrainsLaw:
         if not increment.any():
             return Status.OK, 0
         if not float(np.hypot(np.hypot(*increment[:2]), increment[2])) <= LARGEST_INCREMENT:
-            return Status.NOT_CONVERGED, 0
+            return Status.TOO_MANY_SUBSTEPS, 0
         sample = self.packing(start)
         before = love_weber_stress(sample)
         try:

@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from granfabric.constitutive.contract import STATUS_TEXT, Status
+from granfabric.constitutive.contract import Status
 from granfabric.constitutive.path import Leg, PathHistory, PathRecorder, ends_of
 
+from .failures import TEXT
 from .law import GrainsLaw
 
 Array = NDArray[np.float64]
@@ -87,10 +88,10 @@ def _increment(
             try:
                 increment[free] += np.linalg.solve(stiffness[np.ix_(free, free)], missing[free])
             except np.linalg.LinAlgError:
-                return STATUS_TEXT[Status.STIFFNESS_LOST]
+                return TEXT[Status.STIFFNESS_LOST]
         report = law.update(increment[None, :], stress, state, stress_end, state_end, None)
         if report.failed:
-            return STATUS_TEXT[Status(int(report.status[0]))]
+            return TEXT[Status(int(report.status[0]))]
         missing = np.where(held, end - stress_end[0], 0.0)
         if np.abs(missing).max() <= ERROR * pressure:
             return increment[None, :], stress_end, state_end, trial

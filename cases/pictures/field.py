@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from granfabric.cases.records import series
+from granfabric.cases.records.body_columns import OF_A_BODY
+from granfabric.cases.records.units import unit
 
 from .maps import chosen_maps, draw_map, is_wide
 from .style import BLACK, BLUE, RED, picture
@@ -126,39 +129,31 @@ def _curves(above: Any, below: Any, columns: dict[str, NDArray[Any]], scene: dic
     below.legend()
 
 
-UNITS = {
-    "displacement": (1e6, "$10^{-6}$ m"),
-    "reaction": (1e-3, "kN/m"),
-    "stress": (1e-3, "kPa"),
-    "p": (1e-3, "kPa"),
-    "pore": (1e-3, "kPa"),
-    "effective": (1e-3, "kPa"),
-    "q": (1e-3, "kPa"),
-    "strain": (1e6, "$10^{-6}$"),
+SCALES = {
+    "Pa": (1e-3, "kPa"),
+    "N/m": (1e-3, "kN/m"),
+    "N m/m": (1e-3, "kN m/m"),
+    "m": (1e6, "$10^{-6}$ m"),
+    "rad": (1e6, "$10^{-6}$ rad"),
 }
-UNITS_OF_A_BODY = {
-    "displacement_x": UNITS["displacement"],
-    "displacement_y": UNITS["displacement"],
-    "rotation": (1e6, "$10^{-6}$ rad"),
-    "force_x": (1e-3, "kN/m"),
-    "force_y": (1e-3, "kN/m"),
-    "moment": (1e-3, "kN m/m"),
-}
-"""Columns of a rigid body, `rigid_NAME_...`."""
+"""Factor and name of the handy unit for each of the history."""
+STRAIN = re.compile(r"(.*_)?strain_(xx|yy|xy)")
+
+
+def _handy(name: str) -> tuple[float, str]:
+    """Factor and name of the unit in which a column is drawn."""
+    return (1e6, "$10^{-6}$") if STRAIN.fullmatch(name) else SCALES.get(unit(name), (1.0, "-"))
 
 
 def _named(name: str, values: Array) -> tuple[Array, str]:
     """A column of the history in handy units, mostly positive, with its label."""
     head, _, rest = name.partition("_")
-    if head == "rigid":
-        what = next(what for what in UNITS_OF_A_BODY if rest.endswith(f"_{what}"))
-        factor, unit = UNITS_OF_A_BODY[what]
-        sign = -1.0 if values[np.argmax(np.abs(values))] < 0 else 1.0
-        words = f"{what.replace('_', ' ')} of {rest.removesuffix(f'_{what}')}"
-        return sign * factor * values, f"{'minus ' if sign < 0 else ''}{words} [{unit}]"
-    # a ratio of stresses has no unit
-    factor, unit = UNITS.get(head if not rest.startswith("ratio") else name, (1.0, "-"))
+    factor, shown = _handy(name)
     sign = -1.0 if values[np.argmax(np.abs(values))] < 0 else 1.0
-    of_boundary = head in ("displacement", "reaction")
-    words = " ".join([head, *(["of", *rest.rsplit("_", 1)] if of_boundary else [rest.replace("_", " ")])])
-    return sign * factor * values, f"{'minus ' if sign < 0 else ''}{words.strip()} [{unit}]"
+    if head == "rigid":
+        what = next(what for what in OF_A_BODY if rest.endswith(f"_{what}"))
+        words = f"{what.replace('_', ' ')} of body {rest.removesuffix(f'_{what}')}"
+    else:
+        of_boundary = head in ("displacement", "reaction", "spring")
+        words = " ".join([head, *(["of", *rest.rsplit("_", 1)] if of_boundary else [rest.replace("_", " ")])])
+    return sign * factor * values, f"{'minus ' if sign < 0 else ''}{words.strip()} [{shown}]"

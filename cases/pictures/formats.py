@@ -45,6 +45,11 @@ def written_as(names: Sequence[str]) -> Iterator[None]:
         _chosen.reset(token)
 
 
+def chosen() -> tuple[str, ...]:
+    """The chosen formats, for another process that has to choose them too."""
+    return _chosen.get()
+
+
 def paths(path: Path) -> list[Path]:
     """Files of a picture in the chosen formats."""
     return [path.with_suffix(f".{name}") for name in _chosen.get()]

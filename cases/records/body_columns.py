@@ -11,6 +11,9 @@ OF_A_BODY = ("displacement_x", "displacement_y", "rotation", "force_x", "force_y
 class BodyColumns:
     """What rigid bodies do and bear, what springs bear, and what a control has come to.
 
+    Before its body comes, and after it has gone, a boundary has the motion that fits it best, and bears what supports
+    of its own exert.
+
     Parameters
     ----------
     program : LoadProgram or None

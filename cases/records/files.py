@@ -56,7 +56,10 @@ OF_MAP = ("map_*.png", "material_*.toml")
 """A figure for each path of a map, measured inputs of each of its materials."""
 PROBES = "probe_*.csv"
 OTHER_FORMATS = tuple(
-    f"{name[:-4]}.{kind}" for name in (*PICTURES, *OF_DATA) if name.endswith(".png") for kind in ("pdf", "svg")
+    f"{name[:-4]}.{kind}"
+    for name in (*PICTURES, *OF_DATA, *OF_SWEEP)
+    if name.endswith(".png")
+    for kind in ("pdf", "svg")
 )
 """The same pictures as `--format` asks for."""
 OWN_PATTERNS = (

@@ -5,11 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
+_STRESS = r"stress_(xx|yy|xy|zz)|[pq]"
 _UNITS = (
-    (r"(.*_)?moment", "N m/m"),
+    (r"(reaction|rigid)_.*_moment", "N m/m"),
+    (r"rigid_.*_rotation", "rad"),
     (r"(reaction|spring)_.*_[xy]|rigid_.*_force_[xy]", "N/m"),
-    (r"(.*_)?displacement_.*", "m"),
-    (r"(.*_)?stress_(xx|yy|xy|zz)|(region_.*_|effective_)?[pq]|pore_pressure.*", "Pa"),
+    (r"displacement_.*_[xy]|rigid_.*_displacement_[xy]", "m"),
+    (rf"(region_.*_|effective_)?({_STRESS})|pore_pressure.*|plastic_dissipation", "Pa"),
+    (r"elastic_energy|work|friction_heat|drag_heat", "J/m"),
 )
 
 

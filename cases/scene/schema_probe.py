@@ -9,6 +9,8 @@ from pydantic import Field, create_model, model_validator
 from .schema_base import Pair, Section
 
 COUNT = 21
+NAME, LONGEST_NAME = r"^[A-Za-z0-9_-]+$", 60
+"""Of a probe, whose file has it."""
 
 _ENDS: Any = {  # "from" is a word of Python
     "from": (Pair | None, Field(default=None, description="first place of a line: x, y [m]")),
@@ -19,7 +21,7 @@ _Line: Any = create_model("_Line", __base__=Section, **_ENDS)
 class Probe(_Line):  # type: ignore[misc]
     """A place, or places along a line, whose values are written at every step to `probe_NAME.csv`."""
 
-    name: Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[A-Za-z0-9_-]+$")] = Field(
+    name: Annotated[str, Field(min_length=1, max_length=LONGEST_NAME, pattern=NAME)] = Field(
         description="of the probe and its file: letters, digits, _ and -"
     )
     point: Pair | None = Field(default=None, description="a single place: x, y [m]")

@@ -1,9 +1,10 @@
 """Packings: random disks, relaxed without friction to an isotropic stress, friction switched on afterwards.
 
-Recipe: disks at random in a cell at a solid fraction above random close packing; relaxed at fixed cell; settled loosely
-under ten times the target pressure with the cell free in all three strains, with so much drag that nothing is shaken
-(less of it makes the packing denser); settled tightly under the target pressure, with little drag. Coming from above
-spares the long creep of a packing that is compressed through the onset of rigidity, and ends at the same coordination.
+Recipe: disks at random in a cell at a solid fraction above random close packing; relaxed at fixed cell; relaxed loosely
+under ten times, three times and once the target pressure with the cell free in all three strains (`relaxation`);
+settled tightly at the target pressure (`settling`). Coming from above spares the long creep of a packing that is
+compressed through the onset of rigidity, and ends at the same coordination. What settles with so little drag must begin
+near its pressure: one that springs back from ten times the pressure shakes the disks, and is denser afterwards.
 """
 
 from __future__ import annotations
@@ -23,12 +24,13 @@ from .relaxation import relax
 from .settling import settle
 
 INITIAL_SOLID_FRACTION = 0.86
-OVERPRESSURE = 10.0
-DRAG_ABOVE = 0.01
-"""While the packing is under more than its pressure."""
+PRESSURES = (10.0, 3.0, 1.0)
+"""Over that of the packing: what it is relaxed to before it settles."""
 LOOSE_TOLERANCE = 1.0e-2
 TIGHT_TOLERANCE = 2.0e-5
-MOST_STEPS_ABOVE, MOST_STEPS = 5000, 400_000
+MOST_STEPS_ABOVE, MOST_STEPS = 20_000, 2_000_000
+BEFORE_SETTLING = 0.2
+"""Fraction of a packing's progress."""
 MOST_DISKS = 10_000_000
 DISTRIBUTIONS = ("uniform", "uniform_area", "bidisperse", "monodisperse", "lognormal", "given")
 LARGEST_RATIO = 5.0
@@ -181,6 +183,7 @@ def make_packing(
     seed: int,
     options: PackingOptions | None = None,
     progress: Callable[[str, float], None] | None = None,
+    threads: int | None = None,
 ) -> Sample:
     """A dense isotropic packing of `count` disks, compacted without friction, friction switched on afterwards.
 
@@ -192,13 +195,15 @@ def make_packing(
         Number of disks, at least 50.
     progress : callable, optional
         Called with a short text and a fraction between 0 and 1.
+    threads : int, optional
+        1 or 2; does not change the packing. Whichever is faster if not given.
 
     Raises
     ------
     SampleError
         On options out of bounds.
     PackingError
-        If the last relaxation does not reach its tolerance.
+        If it does not come to rest within its steps.
     """
     options = options or PackingOptions()
     options.check()
@@ -209,6 +214,7 @@ def make_packing(
         raise SampleError(f"the number of disks is {count}, legal are whole numbers >= 50")
     count = whole("the number of disks", count, 50, MOST_DISKS)
     seed = whole("seed", seed, 0, 2**63 - 1)
+    threads = None if threads is None else whole("threads", threads, 1, 2)
     report = progress or (lambda text, fraction: None)
     random = np.random.default_rng(seed)
     radius = 0.5 * random_diameters(int(count), options, random)
@@ -220,12 +226,17 @@ def make_packing(
     report("relaxing random disks", 0.0)
     relax(position, radius, cell, 0.0, tolerance=LOOSE_TOLERANCE, steps=2000, fixed_cell=True)
     pressure = 1.0 / options.stiffness_to_pressure
+    for stage, factor in enumerate(PRESSURES):
+        position, radius = in_spatial_order(position, radius, cell)
+        report("lowering the pressure", 0.05 * (stage + 1))
+        relax(position, radius, cell, factor * pressure, LOOSE_TOLERANCE, MOST_STEPS_ABOVE)
     position, radius = in_spatial_order(position, radius, cell)
-    report("settling above the pressure", 0.1)
-    settle(position, radius, cell, OVERPRESSURE * pressure, LOOSE_TOLERANCE, MOST_STEPS_ABOVE, DRAG_ABOVE)
-    position, radius = in_spatial_order(position, radius, cell)
-    report("settling at the target pressure", 0.2)
-    settled = settle(position, radius, cell, pressure, TIGHT_TOLERANCE, MOST_STEPS)
+    report("settling at the target pressure", BEFORE_SETTLING)
+
+    def watched(way: float, unbalanced: float) -> None:
+        report(f"settling, unbalanced force {unbalanced:.0e}", BEFORE_SETTLING + (1.0 - BEFORE_SETTLING) * way)
+
+    settled = settle(position, radius, cell, pressure, TIGHT_TOLERANCE, MOST_STEPS, threads=threads, progress=watched)
     if not settled.converged:
         raise PackingError(
             f"the packing of {count} disks, seed {seed}, is not at rest: unbalanced force {settled.unbalanced:.2g}"

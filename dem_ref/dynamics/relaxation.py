@@ -176,6 +176,21 @@ def _relax(
     return done
 
 
+def into_cell(position: NDArray[np.float64], cell: NDArray[np.float64]) -> None:
+    """Move disks in place by whole cell vectors to where both their coordinates in the cell are between 0 and 1.
+
+    Column by column: products with matrices start the threads of linear algebra, which then spin beside the kernels.
+    """
+    (ax, ay), (bx, by) = cell
+    area = ax * by - ay * bx
+    if area == 0.0:
+        return  # refused where neighbours are looked for
+    x, y = position[:, 0], position[:, 1]
+    a, b = np.floor((x * by - y * bx) / area), np.floor((y * ax - x * ay) / area)
+    x -= a * ax + b * bx
+    y -= a * ay + b * by
+
+
 @dataclass
 class Relaxed:
     """Outcome of a relaxation: steps used, whether the tolerance was met, and the last forces' measures."""
@@ -239,8 +254,7 @@ def relax(
     pairs: NearPairs | None = None
     width = skin
     while done < steps:
-        inverse = np.linalg.inv(cell)
-        position -= np.floor(position @ inverse) @ cell
+        into_cell(position, cell)
         pairs = find_near_pairs(position, radius, cell, width)
         code = ((pairs.image[:, 0] + 1) * 3 + pairs.image[:, 1] + 1).astype(np.uint8)
         started = done

@@ -77,7 +77,11 @@ class Prepared:
 
 
 def prepare_packing(
-    count: int, seed: int, options: PackingOptions | None = None, progress: Progress | None = None
+    count: int,
+    seed: int,
+    options: PackingOptions | None = None,
+    progress: Progress | None = None,
+    threads: int | None = None,
 ) -> Prepared:
     """A packing with the preparation that the options ask for; see `make_packing`.
 
@@ -94,12 +98,16 @@ def prepare_packing(
     name = "coordination" if options.coordination is not None else "solid_fraction"
     if options.coordination is None and options.solid_fraction is None:
         friction = options.preparation_friction or 0.0
-        return Prepared(_compacted(count, seed, options, friction, report), friction)
-    return _searched(count, seed, options, name, report)
+        return Prepared(_compacted(count, seed, options, friction, report, threads), friction)
+    return _searched(count, seed, options, name, report, threads)
 
 
 def make_packing(
-    count: int, seed: int, options: PackingOptions | None = None, progress: Progress | None = None
+    count: int,
+    seed: int,
+    options: PackingOptions | None = None,
+    progress: Progress | None = None,
+    threads: int | None = None,
 ) -> Sample:
     """An isotropic packing of `count` disks, reproducible from `seed`, with friction switched on.
 
@@ -114,6 +122,8 @@ def make_packing(
     options : PackingOptions, optional
     progress : callable, optional
         Called with a short text and a fraction between 0 and 1.
+    threads : int, optional
+        1 or 2; does not change the packing. Whichever is faster if not given.
 
     Raises
     ------
@@ -122,7 +132,7 @@ def make_packing(
     PackingError
         If the packing does not come to rest, or no friction gives what is wanted.
     """
-    return prepare_packing(count, seed, options, progress).sample
+    return prepare_packing(count, seed, options, progress, threads).sample
 
 
 def _wanted(sample: Sample, options: PackingOptions, name: str) -> float:
@@ -132,7 +142,9 @@ def _wanted(sample: Sample, options: PackingOptions, name: str) -> float:
     return z.without_rattlers if options.counted == "excluded" else z.all_particles
 
 
-def _searched(count: int, seed: int, options: PackingOptions, name: str, report: Progress) -> Prepared:
+def _searched(
+    count: int, seed: int, options: PackingOptions, name: str, report: Progress, threads: int | None
+) -> Prepared:
     """Halve the interval of the logarithm of the friction; what is wanted falls with it."""
     least, scatter = TOLERANCES[name]
     goal, tolerance = float(getattr(options, name)), max(least, scatter / sqrt(count))
@@ -146,7 +158,7 @@ def _searched(count: int, seed: int, options: PackingOptions, name: str, report:
         def part(text: str, fraction: float) -> None:
             report(f"friction {friction:.3g}: {text}", begun + fraction / MOST_TRIALS)
 
-        sample = _compacted(count, seed, options, friction, part)
+        sample = _compacted(count, seed, options, friction, part, threads)
         found = _wanted(sample, options, name)
         trials.append((friction, found))
         if best is None or abs(found - goal) < abs(_wanted(best[1], options, name) - goal):
@@ -182,10 +194,12 @@ def _searched(count: int, seed: int, options: PackingOptions, name: str, report:
     return Prepared(best[1], best[0], tuple(trials))
 
 
-def _compacted(count: int, seed: int, options: PackingOptions, friction: float, report: Progress) -> Sample:
+def _compacted(
+    count: int, seed: int, options: PackingOptions, friction: float, report: Progress, threads: int | None
+) -> Sample:
     plain = replace(options, preparation_friction=None, coordination=None, solid_fraction=None)
     if friction == 0.0:
-        return make_frictionless_packing(count, seed, plain, report)
+        return make_frictionless_packing(count, seed, plain, report, threads)
     random = np.random.default_rng(seed)
     radius = 0.5 * random_diameters(count, options, random)
     width = float(np.sqrt(np.pi * np.sum(radius**2) / START))

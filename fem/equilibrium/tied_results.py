@@ -34,7 +34,8 @@ def rigid_bodies(
 ) -> dict[str, tuple[float, ...]]:
     """Motion, force and moment of each body, see `StepResult`; of a boundary that is not tied now what fits best."""
     found: dict[str, tuple[float, ...]] = {}
-    for name, contact in program.contacts.items():
+    for name in program.contacts:
+        contact = program.contact(name, index)
         terms = program.terms[index]
         own = program.forces(index, tuple(start.load_factors)).of_body(
             name, fraction, terms.stage.increments, load_factor

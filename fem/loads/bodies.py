@@ -193,8 +193,9 @@ class SpaceOfBody(Space):
             out = np.ones(len(inside))
             if np.any(traction(middle[0], middle[1], out, 0.0 * out)):
                 raise MeshError(
-                    f"boundary {name!r} lies inside the body, so that a load on it has no outward side (one that an "
-                    "earlier stage left there has to be set to 0)"
+                    f"boundary {name!r} lies inside the body{self._between(inside)}, so that a load on it has no "
+                    "outward side (one that an earlier stage left there has to be set to 0; a region is there from the "
+                    "outset unless a stage activates it)"
                 )
         outer = there[0] != there[1]
         acting = outer & carried.any(axis=0)
@@ -205,6 +206,13 @@ class SpaceOfBody(Space):
     def has_outside(self, name: str) -> bool:
         """Whether a side on the named curve has an active element."""
         return bool(self._sides(self.host_mesh.facets(name), self._loaded).any())
+
+    def _between(self, facets: Cells) -> str:
+        """Regions that meet at sides inside the body; empty if it is one that is on both sides."""
+        beside = np.unique(self.host_mesh.mesh.f2t[:, facets])
+        regions = self.host_mesh.regions.items()
+        names = [name for name, cells in regions if 0 < np.isin(beside, cells).sum() < len(beside)]
+        return f" between regions {', '.join(map(repr, names[:4]))}" if len(names) > 1 else ""
 
     def _sides(self, facets: Cells, active: Mask) -> Mask:
         """Whether each of the two elements of the facets is active, shape (2, n)."""

@@ -140,8 +140,17 @@ def _weights(space: Space, stage: Stage, active: Mask) -> Array:
         where = f"region {', '.join(map(repr, names[:3]))}" if names else "a part of the mesh"
         raise LoadError(
             f"the first stage gives no weight (body_force) to {where}, from which the initial stress follows"
+            f"{_why_there(space, names)}"
         )
     return weight
+
+
+def _why_there(space: Space, names: Sequence[str]) -> str:
+    """Why a region of several is there at the outset, which who forgot to activate it does not expect."""
+    if not names or len(space.host_mesh.regions) < 2:
+        return ""
+    which = "it is" if len(names) == 1 else "they are"
+    return f" (no stage activates {'it' if len(names) == 1 else 'them'}, so that {which} there from the outset)"
 
 
 def _ratios(space: Space, k0: float | Mapping[str, float], active: Mask) -> Array:
@@ -161,7 +170,8 @@ def _ratios(space: Space, k0: float | Mapping[str, float], active: Mask) -> Arra
     bare = active & (ratio == 0.0)
     if bare.any():
         names = [name for name, cells in space.host_mesh.regions.items() if bare[cells].any() and name not in k0]
-        raise LoadError(f"k0 leaves out region {', '.join(map(repr, names[:3])) or '(cells in no region)'}")
+        left_out = ", ".join(map(repr, names[:3])) or "(cells in no region)"
+        raise LoadError(f"k0 leaves out region {left_out}{_why_there(space, names)}")
     return ratio
 
 

@@ -129,7 +129,7 @@ class LoadProgram:
     ----------
     terms : list of StageTerms
     contacts : dict of str to Contact
-        Boundaries that are tied to a rigid body in some stage.
+        Boundaries that are tied to a rigid body in some stage, with their first one.
 
     Raises
     ------
@@ -143,6 +143,7 @@ class LoadProgram:
         check_stages(stages)
         self.terms: list[StageTerms] = []
         self.contacts: dict[str, Contact] = {}
+        self._bodies: dict[str, list[tuple[int, Contact]]] = {}
         constraints: dict[Key, Constraint] = {}
         ties: dict[str, Tie] = {}
         springs: dict[str, tuple[Spring, csr_matrix]] = {}
@@ -176,7 +177,9 @@ class LoadProgram:
                 ties, springs = {**held, **named.ties}, {**springs, **named.springs}
             else:
                 constraints, ties, springs = named.constraints, named.ties, named.springs
-            self.contacts |= {name: tie.contact for name, tie in named.ties.items()}
+            for name, tie in named.ties.items():
+                self.contacts.setdefault(name, tie.contact)
+                self._bodies.setdefault(name, []).append((len(self.terms), tie.contact))
             self._forces.add(stage, named.forces, spaces)
             constrained, target, moving = merged(space, stage, present(body, constraints), known)
             corners = merged_corners([stage.amplitude_of(load) for load in stage.loads], stage.increments)
@@ -279,6 +282,12 @@ class LoadProgram:
     def controlled(self) -> bool:
         """Whether a stage has a control."""
         return any(terms.led is not None for terms in self.terms)
+
+    def contact(self, name: str, index: int) -> Contact:
+        """Body of a boundary in a stage; where it is not tied then the one to come, or else the one that was last."""
+        bodies = self._bodies[name]
+        now = [contact for stage, contact in bodies if stage <= index]
+        return now[-1] if now else bodies[0][1]
 
     @property
     def spring_boundaries(self) -> list[str]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import granfabric as gf
@@ -71,6 +73,69 @@ def test_a_problem_that_is_stopped(tmp_path: Path) -> None:
     assert results.outcome == "stopped" and len(results.history) == 5 and results.steps == [0, 1, 2, 3, 4]
 
 
+def metal_plate() -> gf.Problem:
+    law = gf.VonMisesLaw([gf.VonMisesMaterial(youngs_modulus=1e9, poissons_ratio=0.3, yield_stress=1e5)])
+    stages = [gf.Stage("pull", [gf.Fixed("bottom"), gf.Displacement("top", "y", 1e-5)], increments=3)]
+    return gf.Problem(gf.Space(gf.rectangle(1.0, 1.0, 2, 2), "P2"), law, stages)
+
+
+def test_what_a_scene_may_ask_for_a_problem_may_too(tmp_path: Path) -> None:
+    """Probes with a row a step whatever `every` says, files that are compressed, units and names in the record."""
+    line = np.linspace([0.0, 0.1], [1.0, 0.9], 4)
+    kept = {"probes": {"corner": (1.0, 1.0), "line": line}, "every": 2}
+    small = gf.solve_to_folder(metal_plate(), tmp_path / "small", compression="small", **kept)
+    plain = gf.solve_to_folder(metal_plate(), tmp_path / "plain", **kept)
+    assert plain.steps == small.steps == [0, 2, 3]
+    size = [(results.folder / "result_0003.vtu").stat().st_size for results in (small, plain)]
+    assert size[0] < size[1]
+    for name, count in (("corner", 1), ("line", 4)):
+        table = pd.read_csv(plain.folder / f"probe_{name}.csv")
+        assert len(table) == 4 * count and table["step [-]"].tolist() == sorted([0, 1, 2, 3] * count)
+        assert (small.folder / f"probe_{name}.csv").read_bytes() == (plain.folder / f"probe_{name}.csv").read_bytes()
+    last = table.iloc[-4:]
+    for x, y, found in zip(last["x [m]"], last["y [m]"], last["displacement_y [m]"], strict=True):
+        assert found == pytest.approx(plain.at(x, y)["displacement_y"], rel=1e-9)
+    record = plain.record
+    assert list(record["columns"]) == list(plain.history.columns) and record["columns"]["reaction_top_y"] == "N/m"
+    assert record["size"] == {"elements": 8, "degrees_of_freedom": 50, "integration_points": 24}
+    assert record["numbers"] == {"region": {"1": "all"}}
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"every": 0}, "every = 0 is not a number of steps"),
+        ({"every": 1.5}, "every = 1.5 is not a number of steps"),
+        ({"compression": "smal"}, r"compression = 'smal' is unknown .* the nearest is 'small'"),
+        ({"probes": {"a/b": (0.5, 0.5)}}, "probes: the name 'a/b' has to consist of"),
+        ({"probes": {"a": (0.5, 0.5), "A": (0.1, 0.5)}}, "two probes have the name 'a'"),
+        ({"probes": {"a": 0.5}}, r"probes: 'a' needs a place \(x, y\) or several of them \[m\], not 0.5"),
+        ({"probes": {"a": "here"}}, "probes: 'a' needs a place"),
+        ({"probes": {"a": []}}, "probes: 'a' needs a place"),
+        ({"probes": {"a": (0.5, float("nan"))}}, "probes: 'a' needs a place"),
+        ({"probes": {"a": (0.5, 3.0)}}, r"probe 'a': point \(0.5, 3\) m lies outside .* is \(0\.[45]\d*, 1\) m"),
+    ],
+)
+def test_what_is_not_legal_is_told_before_anything_is_written(tmp_path: Path, options: dict, said: str) -> None:
+    with pytest.raises(gf.InputError, match=said):
+        gf.solve_to_folder(metal_plate(), tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
+
+
+def test_ground_that_is_gone_is_told_of_a_problem_too(tmp_path: Path) -> None:
+    mesh = gf.rectangle(2.0, 1.0, 4, 2)
+    centre = mesh.mesh.p[:, mesh.mesh.t].mean(axis=1)
+    hole = np.flatnonzero((centre[0] < 1.0) & (centre[1] > 0.5))
+    mesh = replace(mesh, regions={"hole": hole, "rest": np.setdiff1d(np.arange(centre.shape[1]), hole)})
+    law = gf.VonMisesLaw([gf.VonMisesMaterial(youngs_modulus=1e9, poissons_ratio=0.3, yield_stress=1e5)])
+    first = gf.Stage("initial", [gf.Fixed("bottom")])
+    problem = gf.Problem(gf.Space(mesh, "P1"), law, [first, gf.Stage("dig", [], 2, deactivate=["hole"])])
+    results = gf.solve_to_folder(problem, tmp_path / "out")
+    assert results.at(0.5, 0.8, 0) and results.record["body"][0]["deactivated"] == ["hole"]
+    with pytest.raises(gf.InputError, match='at step 3: the ground there is gone since stage "dig"'):
+        results.at(0.5, 0.8)
+
+
 def test_a_law_without_a_network_in_a_field(tmp_path: Path) -> None:
     law = gf.VonMisesLaw([gf.VonMisesMaterial(youngs_modulus=1e9, poissons_ratio=0.3, yield_stress=1e5)])
     stages = [gf.Stage("pull", [gf.Fixed("bottom"), gf.Displacement("top", "y", 1e-4)], increments=2)]
@@ -132,7 +197,8 @@ def test_a_packing_made_loaded_measured(tmp_path: Path) -> None:
     run = gf.DemRun(again, gf.RunOptions((gf.Segment("biaxial", stress_ratio=0.05),)))
     assert run.execute()
     history = run.history()
-    assert history["q"][-1] / history["p"][-1] == pytest.approx(0.05, rel=0.1)  # ends with a chunk of steps
+    # it ends with the first look past the target; looks at so few disks lie up to 0.004 apart
+    assert 0.05 <= history["q"][-1] / history["p"][-1] < 0.055
     inputs = gf.measure_packing(packing)
     assert inputs.material.coordination == inputs.values["coordination"]
     (tmp_path / "material.toml").write_text(inputs.text("200 disks"))

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from granfabric.cases.commands import cost as command
-from granfabric.cases.cost import distributions
+from granfabric.cases.cost import distributions, output
 from granfabric.cases.cost.batch import PATH_STRAIN, End, distance, make_batch
 from granfabric.cases.cost.catalogue import STUDIES
 from granfabric.cases.cost.footing import extrapolate
@@ -212,6 +212,33 @@ def test_load_steps_converge_with_order_two(tables: dict) -> None:
     # strain goes straight within a step: the path is followed by its chords
     for quantity in QUANTITIES:
         assert load_step_order(tables["load_steps"], quantity) == pytest.approx(2.0, abs=0.2)
+
+
+def test_files_hold_the_same_however_compressed_and_fewer_steps_lose_between_them(tables: dict) -> None:
+    rows = tables["output"]
+    by_kind = {kind: [row for row in rows if row["series"] == kind] for kind in output.KINDS}
+    errors = {tuple(row["error"] for row in members) for members in by_kind.values()}
+    assert len(errors) == 1  # compression loses nothing
+    (between,) = errors
+    assert list(between) == sorted(between)
+    # linear between the steps: order two, down to what the load steps themselves leave
+    assert slope(output.QUICK_EVERY[1:], between[1:]) == pytest.approx(1.8, abs=0.4)
+    for plain, fast, small in zip(*by_kind.values(), strict=True):
+        assert plain["count"] > fast["count"] > small["count"]
+    sizes = [row["bytes_a_step"] for row in by_kind["none"]]
+    assert sizes == pytest.approx([sizes[0]] * len(sizes), rel=1e-3)
+    assert [row["steps_written"] for row in by_kind["none"]] == [10, 6, 4, 3]
+    told = output.findings(rows)
+    assert len(told) == 6 and "times the processor time of the run without" in told[0] and "'small'" in told[2]
+
+
+def test_error_between_what_is_written() -> None:
+    """A parabola between its ends, and what is linear."""
+    wanted = np.linspace(0.0, 1.0, 5)
+    reference = np.stack([1.0 + wanted**2, 2.0 + 3.0 * wanted], axis=1)
+    for times, error in (([0.0, 1.0], 0.25 / 1.25), ([0.0, 0.5, 1.0], 0.0625 / 1.0625), (wanted, 0.0)):
+        values = np.stack([1.0 + np.square(times), 2.0 + 3.0 * np.array(times)], axis=1)
+        assert output.error_between(np.array(times), values, wanted, reference) == pytest.approx(error, abs=1e-15)
 
 
 @pytest.mark.parametrize("magnitude", distributions.MAGNITUDES)

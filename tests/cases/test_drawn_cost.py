@@ -21,6 +21,7 @@ from granfabric.cases.cost import (
     integrators,
     load_steps,
     mesh,
+    output,
     tangents,
 )
 from granfabric.cases.cost import draw as work_precision_module
@@ -124,6 +125,8 @@ LABELS = {
                 "processor time, from the mesh to the solution [s]", "degrees of freedom"),
     "load_steps": (load_steps, "error of the mean $q/p$, $z$, $a_c$ [-]", "processor time of the run [s]",
                    "calls of the law, each for all points"),
+    "output": (output, "error of $z$ between what is written [-]", "processor time of the files [s]",
+               "size of the files [bytes]"),
     "dem": (dem, "largest distance in $z$ (relative) and $a_c$ [-]", "processor time [s]",
             "steps times disks of the loading"),
 }  # fmt: skip
@@ -148,6 +151,9 @@ def test_studies_of_work_and_precision(name: str, pictures: dict[str, Any], tmp_
         names = dict(zip(load_steps.QUANTITIES, (
             "stress ratio $q/p$", "coordination number $z$ (relative)", "fabric anisotropy $a_c$"
         )))  # fmt: skip
+    elif name == "output":
+        table = rows_of(labels.facet_titles, output.KINDS, every=lambda step: 2**step)
+        names = {kind: f"compression: {kind}" for kind in output.KINDS}
     else:
         table = rows_of(labels.facet_titles, ("a", "b"))
     STUDIES[name].draw(tmp_path / "s.png", table)

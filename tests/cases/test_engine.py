@@ -227,7 +227,8 @@ def test_threads_of_a_command(granfabric: Callable, tmp_path: Path, monkeypatch:
     finally:
         numba.set_num_threads(before)
     assert histories[0] == histories[1]
-    for command in (("point", "p_constant"), ("run", "biaxial"), ("verify",), ("cost",), ("sweep", "p_constant")):
+    one = (("point", "p_constant"), ("run", "biaxial"), ("dem", "dem_biaxial"))
+    for command in (*one, ("verify",), ("cost",), ("sweep", "p_constant")):
         for value in ("0", str(machine.cores() + 1), "many"):
             refused = granfabric(*command, "--threads", value, "-o", tmp_path / "new")
             assert refused.code == 2 and "--threads" in refused.err, (command, value, refused.err)

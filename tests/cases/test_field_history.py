@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import io
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,6 +18,7 @@ from rich.console import Console
 from granfabric.cases.commands.run import run_field
 from granfabric.cases.records import files
 from granfabric.cases.records.field_history import COUNTS, MEANS, FieldHistory
+from granfabric.cases.records.region_columns import BODY, NETWORK
 from granfabric.cases.scene.reader import load
 from granfabric.cases.terminal.screen import Screen
 from granfabric.constitutive.contract import LawDescription, Variable
@@ -91,6 +94,56 @@ def test_columns_are_means_and_extremes_over_the_points(space: Space) -> None:
     ends = ("top_x", "top_y", "top_moment", "total_x", "total_y", "total_moment")
     assert [name for name in row if name.startswith("reaction")] == [f"reaction_{end}" for end in ends]
     assert list(row)[3 : 3 + len(MEANS)] == list(MEANS)
+
+
+def test_means_over_regions(space: Space) -> None:
+    """Of two that overlap: weighted by area within each, p and q those of the mean; one that is everything has none."""
+    made = step(space)
+    cells = space.nelements
+    regions = {"all": np.arange(cells), "lower": np.arange(4), "later": np.arange(3, cells)}
+    parted = copy.copy(space)
+    parted.host_mesh = replace(space.host_mesh, regions=regions)
+    history = FieldHistory(parted, LAW, [], [])
+    history.add(made)
+    row = dict(zip(history.names, history.rows[0], strict=True))
+    of_regions = [name for name in row if name.startswith("region_")]
+    assert of_regions == [f"region_{name}_{what}" for name in ("lower", "later") for what in (*BODY, *NETWORK)]
+    owner = space.point_cell
+    for name in ("lower", "later"):
+        inside = np.isin(owner, regions[name])
+        weights = space.weights[inside] / space.weights[inside].sum()
+        assert abs(weights.max() / weights.min() - 1.0) > 0.1
+        stress, strain = weights @ made.stress[inside], weights @ made.strain[inside]
+        for place, axes in enumerate(("xx", "yy", "xy")):
+            assert row[f"region_{name}_stress_{axes}"] == pytest.approx(stress[place], rel=1e-12)
+            assert row[f"region_{name}_strain_{axes}"] == pytest.approx(strain[place], rel=1e-9, abs=1e-20)
+        assert row[f"region_{name}_p"] == pytest.approx(-(stress[0] + stress[1]) / 2)
+        assert row[f"region_{name}_q"] == pytest.approx(np.hypot((stress[0] - stress[1]) / 2, stress[2]))
+        assert row[f"region_{name}_coordination"] == pytest.approx(weights @ made.state[inside, 1])
+        magnitude = np.linalg.norm(made.state[inside, 2:4], axis=1)
+        assert row[f"region_{name}_fabric_anisotropy"] == pytest.approx(weights @ magnitude)
+
+
+def test_a_region_that_is_not_there_has_means_of_zero_and_the_others_their_own(space: Space) -> None:
+    parted = copy.copy(space)
+    regions = {"gone": np.arange(4), "left": np.arange(4, space.nelements)}
+    parted.host_mesh = replace(space.host_mesh, regions=regions)
+    active = np.ones(space.nelements, dtype=bool)
+    active[regions["gone"]] = False
+    made, whole = step(space, active=active), step(space)
+    for array in (made.stress, made.strain, made.state):
+        array[~active[space.point_cell]] = 0.0
+    rows = []
+    for each in (made, whole):
+        history = FieldHistory(parted, LAW, [], [])
+        history.add(each)
+        rows.append(dict(zip(history.names, history.rows[0], strict=True)))
+    gone, there = rows
+    assert {gone[name] for name in gone if name.startswith("region_gone")} == {0.0}
+    kept = [name for name in gone if name.startswith("region_left")]
+    assert kept and [gone[name] for name in kept] == [there[name] for name in kept]
+    # the mean of the body is that of what is left
+    assert gone["coordination"] == pytest.approx(gone["region_left_coordination"], rel=1e-12)
 
 
 ROUGH = """

@@ -9,7 +9,8 @@ from grains_points import PRESSURE, SHEAR, call, law, packings, start
 from granfabric.cases.grains import law as grains_law
 from granfabric.cases.grains import packing_columns
 from granfabric.cases.grains.drive import Pace, drive
-from granfabric.cases.grains.law import LARGEST_INCREMENT, MEASURES, GrainsLaw
+from granfabric.cases.grains.failures import LARGEST_INCREMENT
+from granfabric.cases.grains.law import MEASURES, GrainsLaw
 from granfabric.cases.grains.network_stiffness import network_stiffness
 from granfabric.constitutive.arrays import ArrayError
 from granfabric.constitutive.contract import Law, Status
@@ -170,6 +171,7 @@ def test_packing_that_does_not_come_to_rest_is_told():
     stress, state = start(law())
     found = call(law(pace=Pace(rest=1e-14, longest_rest=100)), SHEAR, stress, state)
     assert found[3].status.tolist() == [Status.NOT_CONVERGED] * 3
+    assert found[3].message.startswith("point 0: its packing does not come to rest within law.longest_rest steps")
     assert_left_as_it_was(stress, state, found)
 
 
@@ -177,7 +179,8 @@ def test_trial_far_off_is_refused_before_it_takes_minutes():
     stress, state = start(law())
     grains = law()
     found = call(grains, np.array([0.0, -1.1 * LARGEST_INCREMENT, 0.0]), stress, state)
-    assert found[3].status.tolist() == [Status.NOT_CONVERGED] * 3 and grains.work.steps == 0
+    assert found[3].status.tolist() == [Status.TOO_MANY_SUBSTEPS] * 3 and grains.work.steps == 0
+    assert found[3].message.startswith("point 0: a strain increment of more than 0.005 at once is not followed")
     assert_left_as_it_was(stress, state, found)
 
 

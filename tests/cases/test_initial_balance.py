@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from granfabric.cases.field.initial_balance import Balance, percent, pulling, soft, unchanged, unheld
+from granfabric.cases.field.initial_balance import Balance, doubtful_units, percent, pulling, unchanged, unheld
 from granfabric.cases.field.prepare import prepare
 from granfabric.cases.scene.catalogue import shipped
 from granfabric.cases.scene.reader import load
@@ -290,7 +290,7 @@ def test_a_pressure_in_kilopascals_is_told(tmp_path: Path) -> None:
     found = {}
     for pressure in (100e3, 1e3, 100.0):
         loaded = load(str(tmp_path / "own.toml"), [f"initial.stress=[{-pressure}, {-pressure}, 0.0]"])
-        found[pressure] = soft(loaded, prepare(loaded).problem)
+        found[pressure] = doubtful_units(loaded, prepare(loaded).problem)
     assert found[100e3] == found[1e3] == []
     assert found[100.0] == [
         "warning: mean initial pressure 100 Pa, kn/p = 1e+07: stresses are in Pa, not kPa (100 kPa is 100e3)"

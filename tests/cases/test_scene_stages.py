@@ -62,13 +62,16 @@ def test_files_hold_what_is_there(tunnel: gf.Results) -> None:
         assert np.array_equal(places[:, :2], tunnel.nodes_at(int(step)))
         assert np.isfinite(vtk_to_numpy(grid.GetPointData().GetArray("coordination"))).all()
     mesh = prepare(load("tunnel")).problem.space.host_mesh
+    numbers = tunnel.record["numbers"]
+    assert list(numbers["region"].values()) == list(mesh.regions) and numbers["material"]["1"] == "lower"
     crown, bench = len(mesh.regions["crown"]), len(mesh.regions["bench"])
     whole = mesh.mesh.t.shape[1]
     assert counts == [whole, whole - crown, whole - crown - bench, whole - crown - bench]
     inside = np.hypot(tunnel.nodes_at(-1)[:, 0], tunnel.nodes_at(-1)[:, 1] + 6.0)
     assert inside.min() > 2.0 - 1e-9
     assert tunnel.points.table(-1).shape[0] == 3 * counts[-1]
-    with pytest.raises(REFUSED, match="lies outside of the mesh"):
+    number = tunnel.steps[-1]
+    with pytest.raises(REFUSED, match=f"lies in no ground at step {number}: the ground there is gone since stage"):
         tunnel.at(0.5, -6.0)
     assert tunnel.at(0.5, -6.0, 1)["coordination"] == pytest.approx(3.896, abs=1e-3)
 
@@ -264,6 +267,55 @@ def layers_file(folder: Path) -> None:
         field_data=groups,
     )
     mesh.write(folder / "layers.msh", file_format="gmsh22")
+
+
+@pytest.mark.parametrize("every", [1, 100])
+def test_places_without_ground_name_the_stage(tmp_path: Path, every: int) -> None:
+    """As far as what was written tells: with start and end alone a fill can only have come in between."""
+    layers_file(tmp_path)
+    (tmp_path / "layers.toml").write_text(LAYERS.replace("FEEDBACK", "false"))
+    results = gf.run_scene(
+        tmp_path / "layers.toml", {"output.pictures": False, "output.every": every}, tmp_path / "out"
+    )
+    trench, fill, ground, outside = (0.5, 1.5), (2.0, 2.5), (2.0, 1.5), (9.0, 1.0)
+    for place in (trench, fill, ground):
+        results.at(*place)
+    results.at(*ground, 0), results.at(*trench, 0)
+    assert results.record["numbers"] == {"region": {"1": "ground", "2": "trench", "3": "fill"}}
+    with pytest.raises(REFUSED, match=r'at step 0: the ground there is not there before stage "fill"'):
+        results.at(*fill, 0)
+    with pytest.raises(REFUSED, match=r"\(9, 1\) lies outside of the mesh, which reaches"):
+        results.at(*outside)
+    if every > 1:
+        return
+    for step in (2, 4, 6):
+        with pytest.raises(REFUSED, match=rf'at step {step}: the ground there is gone since stage "dig"'):
+            results.at(*trench, step)
+        with pytest.raises(REFUSED, match=rf'at step {step}: the ground there is not there before stage "fill"'):
+            results.at(*fill, step)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({'activate = ["trench", "fill"]': 'activate = ["trench"]'},
+         "boundary 'middle' lies inside the body between regions 'ground', 'trench', 'fill', so that"),
+        ({'activate = ["trench", "fill"]': 'activate = ["trench"]', 'deactivate = ["trench"]': "",
+          "[0.0, -17e3] }": "[0.0, -17e3], region = 'ground' }"},
+         r"gives no weight \(body_force\) to region 'fill', .* \(no stage activates it, so that it is there from the"),
+        ({'activate = ["trench", "fill"]': 'activate = ["trench"]', "k0 = 0.7": "k0 = { ground = 0.7, trench = 0.7 }"},
+         r"k0 leaves out region 'fill' \(no stage activates it, so that it is there from the outset\)"),
+    ],
+)  # fmt: skip
+def test_a_region_that_no_stage_activates_is_named(tmp_path: Path, changes: dict[str, str], said: str) -> None:
+    layers_file(tmp_path)
+    text = LAYERS.replace("FEEDBACK", "false")
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "layers.toml").write_text(text)
+    with pytest.raises(REFUSED, match=said):
+        prepare(load(str(tmp_path / "layers.toml")))
 
 
 @pytest.mark.parametrize("feedback", ["true", "false"])

@@ -174,12 +174,41 @@ def test_a_failing_run_does_not_stop_the_others(granfabric: Callable, tmp_path: 
         (("--set", "material.coordination=3.9,4", "--workers", 0), "--workers 0 is outside"),
         (("--set", "material.coordination=3.9,4", "--scheduler", "tcp://127.0.0.1:9", "--workers", 2), "give one"),
         (("--table", "missing.csv"), "--table missing.csv: cannot be read"),
+        (("--set", "effects.sliding=true,false"), "run sliding=true: --set: effects.sliding = true needs material"),
+        (("--set", "effects.sliding=true", "--set", "material.coordination=3.9,4"),
+         "granfabric: --set: effects.sliding = true needs"),
+        (("--set", "effects.pore_fluid=true", "--set", "material.fluid_bulk_stiffness=0,2e9"),
+         "run fluid_bulk_stiffness=0: --set: effects.pore_fluid = true needs the bulk modulus"),
     ],
 )
 def test_what_is_not_legal_is_refused_before_anything_runs(
     granfabric: Callable, tmp_path: Path, arguments: tuple, said: str
 ) -> None:
     result = granfabric("sweep", SCENE, *arguments, "-o", tmp_path / "out")
+    assert result.code == 2 and said in result.err, result.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("scene", "arguments", "said"),
+    [
+        ("biaxial", ("stage.compression.displacement.0.boundary=top,roof",),
+         'run boundary=roof: --set stage.1.displacement.0.boundary: stage 2 "compression": displacement 1: the '
+         "boundary 'roof' is unknown"),
+        ("biaxial", ("mesh.file=rectangle.msh,other.msh",), "run file=other.msh: --set: mesh.file: mesh "),
+        ("grains_biaxial", ("packing.normal_stiffness=1e3,1e9",),
+         "run normal_stiffness=1e3: --set: packing.normal_stiffness = 1000 Pa over the initial mean pressure"),
+        ("dem_biaxial", ("path.0.stress_ratio=0.1,1.5", "packing.seed=1:9:9"),
+         "runs stress_ratio=1.5_seed=1, stress_ratio=1.5_seed=2, stress_ratio=1.5_seed=3, stress_ratio=1.5_seed=4 and "
+         "5 more: --set path.0.stress_ratio: path 1: stress_ratio = 1.5 is outside its bounds"),
+    ],
+)  # fmt: skip
+def test_what_a_run_would_refuse_is_refused_before_the_first(
+    granfabric: Callable, tmp_path: Path, scene: str, arguments: tuple, said: str
+) -> None:
+    """Of each kind of scene: what is wrong with one run is found on its mesh, loads, packing or path."""
+    words = [word for text in arguments for word in ("--set", text)]
+    result = granfabric("sweep", scene, *words, "-o", tmp_path / "out")
     assert result.code == 2 and said in result.err, result.err
     assert not (tmp_path / "out").exists()
 

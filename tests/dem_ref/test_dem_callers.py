@@ -367,6 +367,6 @@ def test_segments_that_can_be_read_once_are_kept():
 
 def test_no_two_kernels_share_stored_code():
     """What is stored under one name would be loaded for the other: code for several threads where one is wanted."""
-    kernels = (*KERNELS, stepping.advance_two_threads)
+    kernels = (*KERNELS, stepping.advance_two_threads, settling._settle_two_threads)
     places = {(kernel._cache.cache_path, kernel.py_func.__qualname__) for kernel in kernels}
     assert len(places) == len(kernels)

@@ -43,6 +43,12 @@ def test_packing_is_reproducible_from_its_seed():
     assert not np.array_equal(a.radius, c.radius)
 
 
+def test_threads_are_one_or_two():
+    for threads in (0, 3, 1.5, True):
+        with pytest.raises(SampleError, match="threads is"):
+            make_packing(100, 1, threads=threads)
+
+
 def test_stiffness_to_pressure_is_reached():
     options = PackingOptions(
         stiffness_to_pressure=1e3, normal_stiffness=2e8, stiffness_ratio=0.5, friction=0.3, mean_diameter=2e-3

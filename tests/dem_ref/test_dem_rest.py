@@ -34,7 +34,7 @@ def shaken(sample: Sample, size: float) -> Sample:
 
 @pytest.fixture(scope="module")
 def quiet() -> Sample:
-    return make_packing(300, 5)
+    return make_packing(300, 1)
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 from dem_samples import triangular_lattice
 
+from granfabric.dem_ref.dynamics import settling
+from granfabric.dem_ref.dynamics.packing import make_packing
 from granfabric.dem_ref.dynamics.relaxation import relax
 from granfabric.dem_ref.dynamics.settling import settle
+from granfabric.dem_ref.measures.contacts import contacts_of, unbalanced_force
 from granfabric.dem_ref.sample.disks import SampleError
 from granfabric.dem_ref.sample.neighbours import find_near_pairs
+from granfabric.dem_ref.threads import two_threads
 
 
 def enthalpy(position, radius, cell, pressure) -> float:
@@ -62,3 +66,57 @@ def test_numbers_out_of_bounds_are_refused(name, value):
     position, radius, cell = disturbed()
     with pytest.raises(SampleError, match=name):
         settle(position, radius, cell, **{"pressure": 1e-3, name: value})
+
+
+def random_disks(count: int):
+    """Disks at random in a skewed cell, moved apart."""
+    random = np.random.default_rng(7)
+    radius = 0.5 * (0.9 + 0.2 * random.random(count))
+    cell = np.sqrt(np.pi * np.sum(radius**2) / 0.86) * np.array([[1.0, 0.0], [0.1, 1.0]])
+    position = random.random((count, 2)) @ cell
+    relax(position, radius, cell, 0.0, tolerance=1e-2, steps=300, fixed_cell=True)
+    return position, radius, cell
+
+
+def test_one_and_two_threads_give_the_same_bits():
+    ends = []
+    for threads in (1, 2):
+        position, radius, cell = random_disks(2000)
+        settled = settle(position, radius, cell, 1e-3, steps=100, threads=threads)
+        ends.append((position, cell, settled.stress, settled.unbalanced))
+    assert all(np.array_equal(one, two) for one, two in zip(*ends))
+
+
+def test_no_force_is_lost_between_the_two_halves_of_the_disks():
+    """At rest under a pressure, forces that a sum over all pairs gives leave no disk out of balance."""
+    sample = make_packing(300, 3)
+    assert unbalanced_force(sample) < 1e-4
+    contacts = contacts_of(sample)
+    crossing = (contacts.first < 150) & (contacts.second >= 150)
+    assert crossing.sum() > 10
+
+
+def test_what_it_says_of_its_way_grows_to_one(monkeypatch):
+    monkeypatch.setattr(settling, "REPORTED", 1)
+    told = []
+    position, radius, cell = random_disks(300)
+    settle(position, radius, cell, 1e-2, 1e-3, progress=lambda way, unbalanced: told.append((way, unbalanced)))
+    ways = [way for way, _ in told]
+    assert len(told) > 1 and ways == sorted(ways) and ways[0] >= 0.0 and ways[-1] <= 1.0
+    assert all(unbalanced > 0.0 for _, unbalanced in told)
+
+
+def test_who_watches_can_stop_it_and_the_threads_are_free_again(monkeypatch):
+    monkeypatch.setattr(settling, "REPORTED", 1)
+
+    class Enough(Exception):
+        pass
+
+    def stop(way, unbalanced):
+        raise Enough
+
+    position, radius, cell = random_disks(2000)
+    with pytest.raises(Enough):
+        settle(position, radius, cell, 1e-3, threads=2, progress=stop)
+    with two_threads(True) as both:
+        assert both

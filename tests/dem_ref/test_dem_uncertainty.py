@@ -31,8 +31,6 @@ from granfabric.dem_ref.measures.uncertainty import BLOCKS, blocks_of, blocks_of
 
 CHOSEN = ("normal_stiffness", "stiffness_ratio", "neighbours")
 NUMBER = 8
-FIRST = 11
-"""Seed. One packing of 200 in ten has so small a difference of moduli that it gives no z_iso: none of these."""
 
 
 def test_the_jackknife_of_a_mean_is_its_standard_error():
@@ -128,7 +126,7 @@ def test_errors_of_the_moduli_follow_from_a_known_stiffness():
 def many():
     """Inputs of some small packings."""
     found = []
-    for seed in range(FIRST, FIRST + NUMBER):
+    for seed in range(1, NUMBER + 1):
         sample = make_packing(200, seed)
         entries = measure_material_with_errors(sample)
         entries["initial_fabric_xx"], entries["initial_fabric_xy"] = measure_fabric(sample)
@@ -141,7 +139,7 @@ def test_every_input_has_an_error_and_the_same_value_as_before(many):
     for entries in many:
         for name, entry in entries.items():
             assert (entry.error == 0.0) == (name in CHOSEN), name
-    values = measure_material(make_packing(200, FIRST))
+    values = measure_material(make_packing(200, 1))
     assert values == {name: many[0][name].value for name in values}
 
 

@@ -306,3 +306,24 @@ def test_a_support_beside_a_slanted_smooth_body_is_refused_and_later_ones_too():
     stages = [Stage("a", [Fixed("bottom"), RigidBody("top")]), Stage("b", [Displacement("top", "y", 0.1)])]
     with pytest.raises(LoadError, match="boundary 'top' is tied to a rigid body"):
         Problem(space, ELASTIC, stages)
+
+
+def test_before_a_body_comes_its_boundary_is_told_at_the_point_of_that_body():
+    """Not of a later one on the same boundary; what supports exert there is its force until then."""
+    space = Space(ground(), "P2")
+    tilt = Stage("tilt", [*HOLD, Pressure("footing", lambda x, y: 10.0 * x)], 2)
+    gone = Pressure("footing", 0.0)
+    first, later = (
+        Stage(f"at {place}", [gone, RigidBody("footing", force=(0.0, -5.0), point=(place, 2.0))], 2)
+        for place in (1.0, 2.0)
+    )
+    alone, _ = run(space, ELASTIC, [tilt, first])
+    both, _ = run(space, ELASTIC, [tilt, first, later])
+    assert [step.rigid for step in alone] == [step.rigid for step in both[: len(alone)]]  # to the last bit
+    at_left, at_right = (steps[1].rigid["footing"] for steps in (both, run(space, ELASTIC, [tilt, later])[0]))
+    assert at_left[2] == pytest.approx(at_right[2], rel=1e-12) != 0.0
+    assert at_right[1] - at_left[1] == pytest.approx(at_left[2] * 1.0, rel=1e-9)
+    assert at_left[3:] == (0.0, 0.0, 0.0)
+    held, _ = run(space, ELASTIC, [Stage("hold", [*HOLD, Displacement("footing", "y", -1e-3)]), first])
+    down = held[0].reactions["footing"][1]
+    assert held[0].rigid["footing"][4] == pytest.approx(down, rel=1e-12) and down < 0.0
