@@ -70,7 +70,7 @@ def compressed() -> Specimen:
 def test_it_rests_under_the_same_pressure_on_all_sides(compressed):
     h = compressed.history()
     assert h["axial_stress"][0] == pytest.approx(compressed.pressure, rel=0.01)
-    assert h["upper_force"][0] == pytest.approx(h["lower_force"][0], rel=0.02)
+    assert h["upper_force"][0] == pytest.approx(h["lower_force"][0], rel=0.05)
     assert h["upper_shear"][0] == pytest.approx(-h["lower_shear"][0], abs=1e-3 * h["upper_force"][0])
     assert h["unbalanced_force"][0] < 1e-4
 
