@@ -12,6 +12,7 @@ from granfabric.cases.errors import InputError, RunError
 from granfabric.cases.records import files
 from granfabric.cases.records.dem_series import DemSeries, FieldGrid, history_text
 from granfabric.cases.records.record import Record, resolved, versions
+from granfabric.cases.records.units import units
 from granfabric.cases.scene.dem_path import PathError, leg_numbers, packing_options, run_options
 from granfabric.cases.scene.material_file import material_text, read_material, refusal
 from granfabric.cases.scene.measured import Inputs, as_data, from_data, inputs_of, measure_inputs, refused, warnings
@@ -333,6 +334,7 @@ def _load(
     record.details["not_reached"] = _not_reached(run, numbers)
     record.details["dem_steps"] = run.motion.steps_done
     record.details["records"] = len(run.rows)
+    record.details["columns"] = units(run.history())
     steps, seconds = run.motion.steps_done - before, record.timing["loading"] - spent
     if steps > 0 and seconds > 0.0:
         record.details["million_particle_steps_a_second"] = steps * sample.count / seconds / 1e6

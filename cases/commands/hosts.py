@@ -12,13 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from granfabric.cases.errors import InputError
-from granfabric.cases.records.field_recorder import FieldRecorder
-from granfabric.cases.scene.schema import FieldOutput
-from granfabric.cases.scene.schema_law_kind import is_grains
-from granfabric.fem.equilibrium.results import RunSummary
-from granfabric.fem.equilibrium.stepping import solve
 
 if TYPE_CHECKING:
+    from granfabric.cases.records.field_recorder import FieldRecorder
+    from granfabric.cases.scene.schema import FieldOutput
+    from granfabric.fem.equilibrium.results import RunSummary
     from granfabric.fem.fenicsx.team import Team
 
 HostName = Literal["own", "fenicsx"]
@@ -84,6 +82,8 @@ def check(team: Team | None, loaded: Any, problem: Any) -> None:
     """
     if team is None:
         return
+    from granfabric.cases.scene.schema_law_kind import is_grains
+
     if is_grains(loaded.scene):
         raise loaded.error(["law", "kind"], "law.kind = 'grains' runs on the own host only; leave out --host")
     from granfabric.fem.fenicsx.distribution import DistributionError, check_space
@@ -109,6 +109,8 @@ def in_pieces(team: Team | None) -> bool:
 def solving(team: Team | None, recorder: FieldRecorder, output: FieldOutput) -> Callable[..., RunSummary]:
     """What runs all stages, with arguments of `granfabric.fem.equilibrium.stepping.solve`."""
     if team is None:
+        from granfabric.fem.equilibrium.stepping import solve
+
         return solve
     if not in_pieces(team):
         return team.solve

@@ -10,6 +10,7 @@ from granfabric.cases.records import files
 from granfabric.cases.records.dem_series import FieldGrid
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.records.specimen_series import SpecimenSeries, history_text
+from granfabric.cases.records.units import units
 from granfabric.cases.scene.dem_path import PathError, packing_options
 from granfabric.cases.scene.reader import LoadedScene
 from granfabric.cases.scene.specimen_path import specimen_legs, specimen_options, strain_step
@@ -136,6 +137,7 @@ def _load(
     record.details["not_reached"] = run.not_reached
     record.details["dem_steps"] = specimen.steps_done
     record.details["records"] = len(specimen.rows)
+    record.details["columns"] = units(run.history() if specimen.rows else ())
     if specimen.start is not None:
         record.details["specimen"] = {
             "disks": specimen.sample.count,

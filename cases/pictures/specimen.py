@@ -103,7 +103,7 @@ def _bodies(figure: Any, left: Any, right: Any, run: SpecimenRun, scene: dict[st
     shown = PolyCollection(list(cells), array=ratio, cmap="viridis")
     right.add_collection(shown)
     figure.colorbar(shown, ax=right, shrink=0.5, location="bottom", pad=0.02).set_label("$q/p$, averaged")
-    ring = outline(specimen.sample.position, specimen.left, specimen.right, *specimen.platens)
+    ring = outline(specimen.sample.position, specimen.sample.radius, specimen.left, specimen.right, *specimen.platens)
     low, high = ring.min(axis=0), ring.max(axis=0)
     edge = 0.06 * (high[0] - low[0])
     middle = len(specimen.right) + 2

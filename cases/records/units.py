@@ -9,10 +9,10 @@ _STRESS = r"stress_(xx|yy|xy|zz)|[pq]"
 _UNITS = (
     (r"(reaction|rigid)_.*_moment", "N m/m"),
     (r"rigid_.*_rotation", "rad"),
-    (r"(reaction|spring)_.*_[xy]|rigid_.*_force_[xy]", "N/m"),
-    (r"displacement_.*_[xy]|rigid_.*_displacement_[xy]", "m"),
-    (rf"(region_.*_|effective_)?({_STRESS})|pore_pressure.*|plastic_dissipation", "Pa"),
-    (r"elastic_energy|work|friction_heat|drag_heat", "J/m"),
+    (r"(reaction|spring)_.*_[xy]|rigid_.*_force_[xy]|(upper|lower)_(force|shear)", "N/m"),
+    (r"displacement_.*_[xy]|rigid_.*_displacement_[xy]|height|width", "m"),
+    (rf"(region_.*_|effective_)?({_STRESS})|pore_pressure.*|plastic_dissipation|axial_stress", "Pa"),
+    (r"(elastic|kinetic)_energy|energy_error|((platen|given|following)_)?work|friction_heat|drag_heat", "J/m"),
 )
 
 

@@ -2,10 +2,11 @@
 
 As in `measures.coarse_graining` every disk and every contact is shared out among the points with weights that add up to
 one, by the kernel of its distance from each over the sum of these; so is every place between the platens and the
-membranes, which gives each point the area that it stands for. At the edges, where a kernel reaches beyond the
-specimen, nothing is lost and nothing is averaged with what is not there. A contact of a disk with a platen counts in
-the stress, with the branch from its centre to the platen: the mean of the stress over the area is what platens and
-membranes exert. In coordination and fabric contacts between disks count, and disks between the membranes.
+membranes, which gives each point the area that it stands for. At the edges, where a kernel reaches beyond the specimen,
+nothing is lost and nothing is averaged with what is not there. A contact of a disk with a platen counts in the stress,
+with the branch from its centre to the platen, and so does what a membrane exerts on a disk: the mean of the stress over
+the area is what platens and membranes exert. In coordination and fabric contacts between disks count, and disks between
+the membranes.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from granfabric.dem_ref.measures.coarse_graining import (
 )
 from granfabric.dem_ref.measures.contacts import contacts_of
 
-from .membrane import outline
+from .membrane import both_sides, outline
 from .specimen import Specimen
 
 Array = NDArray[np.float64]
@@ -110,7 +111,7 @@ def is_inside(places: Array, corners: Array) -> NDArray[np.bool_]:
 def sides(specimen: Specimen) -> tuple[float, float]:
     """Where the membranes stand on average: x of the left and of the right one."""
     position, height = specimen.sample.position, specimen.height
-    corners = outline(position, specimen.left, specimen.right, *specimen.platens)
+    corners = outline(position, specimen.sample.radius, specimen.left, specimen.right, *specimen.platens)
     right, left = corners[: len(specimen.right) + 2], corners[len(specimen.right) + 2 :][::-1]
     return tuple(  # type: ignore[return-value]
         float(np.sum(0.5 * (line[1:, 0] + line[:-1, 0]) * np.diff(line[:, 1])) / height) for line in (left, right)
@@ -155,7 +156,7 @@ def specimen_fields(
     scale = number("scale", scale, 1e-3, 1e6) * diameter
     kernel_values(kernel, np.zeros(1))
     grid = _Points(places_in(specimen, points), kernel, scale)
-    corners = outline(sample.position, specimen.left, specimen.right, *specimen.platens)
+    corners = outline(sample.position, sample.radius, specimen.left, specimen.right, *specimen.platens)
     area = grid.shares(_filled(corners, PLACES * diameter)).of_ones() * (PLACES * diameter) ** 2
     area *= specimen.area / area.sum()
     contacts, outer = contacts_of(sample), specimen.platen_contacts()
@@ -170,7 +171,9 @@ def specimen_fields(
         ]
     )  # fmt: skip
     of_contacts = grid.shares(middle)
+    held, from_membrane = _membrane_moments(specimen)
     stress = of_contacts.of(contact_moments(contacts)) + grid.shares(at + 0.5 * to_platen).of(moments)
+    stress += grid.shares(sample.position[held]).of(from_membrane)
     between = is_inside(sample.position, corners)
     between[specimen.left] = between[specimen.right] = True
     of_disks = grid.shares(sample.position)
@@ -185,6 +188,18 @@ def specimen_fields(
             -stress / area[:, None],
             _strain(grid, sample.position, start),
         )  # fmt: skip
+
+
+def _membrane_moments(specimen: Specimen) -> tuple[NDArray[np.int64], Array]:
+    """Disks of the chains, and xx, yy, xy of force and branch from each one's centre to the membrane outside of it."""
+    sample = specimen.sample
+    force = np.zeros((sample.count, 2))
+    lower, upper = (float(height) for height in specimen.platens)
+    both_sides(sample.position, sample.radius, specimen.left, specimen.right, lower, upper, specimen.pressure, force)
+    held = np.concatenate([specimen.left, specimen.right])
+    inwards = np.concatenate([np.ones(len(specimen.left)), -np.ones(len(specimen.right))])
+    branch = inwards * sample.radius[held]
+    return held, branch[:, None] * np.column_stack([force[held, 0], np.zeros(len(held)), 0.5 * force[held, 1]])
 
 
 def _filled(corners: Array, distance: float) -> Array:

@@ -160,7 +160,7 @@ class Specimen:
     @property
     def area(self) -> float:
         """Between membranes (through the centres of their disks) and platens."""
-        return enclosed_area(self.sample.position, self.left, self.right, *self.platens)
+        return enclosed_area(self.sample.position, self.sample.radius, self.left, self.right, *self.platens)
 
     @property
     def unbalanced_force(self) -> float:
@@ -193,7 +193,7 @@ class Specimen:
         self.left = outer_chain(position, left, lower, upper, ball)
         self.right = outer_chain(position * [-1.0, 1.0], right, lower, upper, ball)
         self._given = self._weight.copy()
-        both_sides(position, self.left, self.right, lower, upper, self.pressure, self._given)
+        both_sides(position, radius, self.left, self.right, lower, upper, self.pressure, self._given)
         # while it comes together, and where disks fall, all of them
         self._held[:] = 1.0 if self.start is None or self.options.unit_weight > 0.0 else 0.0
         self._held[self.left] = self._held[self.right] = 1.0
@@ -322,8 +322,8 @@ class Specimen:
 
     def _from_end_to_end(self) -> float:
         """Pressure on the upper platen between the membranes."""
-        x = self.sample.position[:, 0]
-        return self.pressure * max(float(x[self.right[-1]] - x[self.left[-1]]), 0.0)
+        x, r, left, right = self.sample.position[:, 0], self.sample.radius, self.left[-1], self.right[-1]
+        return self.pressure * max(float(x[right] + r[right] - x[left] + r[left]), 0.0)
 
     def rest(self, steps: int | None = None, rest: float | None = None) -> bool:
         """Wait between platens that stand still until everything is at rest; as `hold`."""

@@ -18,6 +18,7 @@ from granfabric.constitutive.effects import Effects
 from granfabric.constitutive.path import PORE_COLUMNS, SLIDING_COLUMNS
 from granfabric.constitutive.state import state_variables
 from granfabric.dem_ref.loading.run import HISTORY_COLUMNS
+from granfabric.dem_ref.specimen.history import COLUMNS
 
 PASCAL = {f"stress_{axis}" for axis in ("xx", "yy", "xy")} | {"p", "q"}
 
@@ -63,6 +64,15 @@ def test_of_points_and_disks() -> None:
     assert set(units(PORE_COLUMNS).values()) == {"Pa"}
     assert units(SLIDING_COLUMNS) == {
         "plastic_shear_strain": "-", "plastic_volumetric_strain": "-", "plastic_dissipation": "Pa",
+    }  # fmt: skip
+
+
+def test_of_specimens() -> None:
+    forces, energies = {"upper_force", "lower_force", "upper_shear", "lower_shear"}, {"friction_heat", "drag_heat"}
+    energies |= {name for name in COLUMNS if name.endswith(("_energy", "_work", "_error"))}
+    assert {name: said for name, said in units(COLUMNS).items() if said != "-"} == {
+        "height": "m", "width": "m", "axial_stress": "Pa", **dict.fromkeys(forces, "N/m"),
+        **dict.fromkeys(energies, "J/m"),
     }  # fmt: skip
 
 
