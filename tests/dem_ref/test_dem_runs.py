@@ -83,6 +83,12 @@ def test_known_behaviour_at_constant_pressure(biaxial, large_packing):
     assert change.lost[0] > 4 * change.lost[2]  # compression along y: minor direction x
 
 
+def carrying(pairs):
+    """Disks, images and elongations of pairs that hold a tangential force."""
+    held = pairs.tangential != 0.0
+    return pairs.first[held], pairs.second[held], pairs.image[held], pairs.tangential[held]
+
+
 @pytest.mark.parametrize(
     ("segments", "moments"),
     [
@@ -114,7 +120,9 @@ def test_resumed_run_is_identical_to_the_last_bit(tmp_path, packing, segments, m
         assert resumed.execute()
         assert np.array_equal(np.array(resumed.rows), np.array(straight.rows))
         assert np.array_equal(resumed.sample.position, straight.sample.position)
-        assert np.array_equal(resumed.sample.pairs.tangential, straight.sample.pairs.tangential)
+        # which pairs that do not touch are near depends on when their list was made
+        for ours, theirs in zip(*(carrying(run.sample.pairs) for run in (resumed, straight))):
+            assert np.array_equal(ours, theirs)
 
 
 def test_stopped_run_is_saved_and_resumes(tmp_path, packing):
