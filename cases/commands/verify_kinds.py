@@ -43,7 +43,7 @@ def verify_as_asked(
             raise InputError(f"{option} goes with a scene: granfabric verify SCENE {option}")
     if scene is not None:
         unused: dict[str, object] = {"--paths": paths, "--materials": materials, "--quick": quick or None}
-        unused |= {"--data": list(data) or None, "--workers": choice.workers, "--scheduler": choice.scheduler}
+        unused |= {"--data": list(data) or None}
         for name, value in unused.items():
             if value is not None:
                 raise InputError(f"{name} does not go with a scene, which is computed by the law and by grains")
@@ -52,7 +52,7 @@ def verify_as_asked(
         choice.check()
         with machine.threads(choice.threads) if choice.threads else nullcontext():
             return run_verify_scene(
-                scene, folder, particles, seeds, list(assignments), screen, overwrite, Judges(*judges)
+                scene, folder, particles, seeds, list(assignments), screen, overwrite, Judges(*judges), choice
             )
     if data:
         given: dict[str, object] = {"--paths": paths, "--materials": materials, "--quick": quick or None}

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from granfabric.cases.errors import InputError, RunError
+from granfabric.cases.engine.choice import Choice, asked_for
+from granfabric.cases.engine.jobs import Ended, Job
+from granfabric.cases.errors import InputError
 from granfabric.cases.records import files
 from granfabric.cases.records.record import Record, resolved, versions
 from granfabric.cases.scene.owner import Owner
@@ -18,22 +20,10 @@ from granfabric.cases.scene.schema_law_kind import UNUSED, is_grains
 from granfabric.cases.scene.toml_text import to_toml
 from granfabric.cases.terminal.interruption import interrupt_request
 from granfabric.cases.terminal.screen import Screen
-from granfabric.cases.verify import scene_fields, scene_picture
+from granfabric.cases.verify import scene_fields, scene_picture, specimen_task
 from granfabric.cases.verify.scene_plan import SpecimenPlan, plan_of
-from granfabric.cases.verify.scene_specimens import (
-    INERTIAL_NUMBER,
-    KERNEL,
-    OneSpecimen,
-    compressed,
-    mean_fields,
-    packings_for,
-)
-from granfabric.dem_ref.dynamics.motion import UnstableMotionError
-from granfabric.dem_ref.dynamics.packing import PackingError
-from granfabric.dem_ref.inputs.probes import ProbeError
-from granfabric.dem_ref.sample.disks import SampleError
-from granfabric.dem_ref.sample.neighbours import CellTooSmallError
-from granfabric.dem_ref.specimen.membrane import MembraneError
+from granfabric.cases.verify.scene_specimens import INERTIAL_NUMBER, KERNEL, OneSpecimen, mean_fields
+from granfabric.cases.verify.specimen_task import SpecimenTask
 
 from .run import run_field
 from .verify_measured import measured_scene
@@ -122,6 +112,7 @@ def run_verify_scene(
     screen: Screen,
     overwrite: bool = False,
     judges: Judges | None = None,
+    choice: Choice | None = None,
 ) -> Record:
     """Compute a scene twice, with specimens of grains besides if they are asked for, and compare.
 
@@ -138,6 +129,9 @@ def run_verify_scene(
     screen : Screen
     overwrite : bool
     judges : Judges, optional
+    choice : Choice, optional
+        Workers for the grains at the points and the specimens; if not given, the threads of this process for the
+        former, a process a core for the latter. Results do not depend on it.
 
     Returns
     -------
@@ -152,8 +146,10 @@ def run_verify_scene(
     particles, packings = particles or PARTICLES, packings or PACKINGS
     if not 50 <= particles <= MOST_PARTICLES:
         raise InputError(f"--particles {particles} is outside [50, {MOST_PARTICLES}] at the points of a scene")
-    judges = judges or Judges()
+    judges, choice = judges or Judges(), choice or Choice()
     judges.check()
+    choice.check()
+    workers = asked_for(choice.workers, choice.scheduler, choice.threads)
     loaded = load(scene, assignments)
     loaded.require("field")
     table = grains_scene(loaded, particles, packings)
@@ -175,7 +171,7 @@ def run_verify_scene(
         second = first
         if first.outcome != "stopped":
             with record.phase("grains"):
-                second = run_field(load(str(file)), folder / GRAINS, screen, overwrite=True)
+                second = run_field(load(str(file)), folder / GRAINS, screen, overwrite=True, choice=workers)
         outcomes = [first.outcome, second.outcome]
         record.outcome = next((name for name in ("stopped", "failed") if name in outcomes), "finished")  # type: ignore[assignment]
         record.message = next((run.message for run in (first, second) if run.outcome != "finished"), first.message)
@@ -183,7 +179,7 @@ def run_verify_scene(
         found: list[OneSpecimen] = []
         if plan is not None and record.outcome != "stopped":
             with record.phase("specimens"):
-                found = _specimens(folder, loaded, plan, judges, record, screen)
+                found = _specimens(folder, loaded, plan, judges, record, screen, choice)
         if record.outcome != "stopped":
             _compare(folder, record, screen, found)
         record.write()
@@ -191,8 +187,9 @@ def run_verify_scene(
 
 
 def _specimens(
-    folder: Path, loaded: LoadedScene, plan: SpecimenPlan, judges: Judges, record: Record, screen: Screen
-) -> list[OneSpecimen]:
+    folder: Path, loaded: LoadedScene, plan: SpecimenPlan, judges: Judges, record: Record, screen: Screen,
+    choice: Choice,
+) -> list[OneSpecimen]:  # fmt: skip
     """Specimens that follow the scene to the last step that law and grains share; the record tells of those that fail.
 
     Raises
@@ -202,33 +199,41 @@ def _specimens(
     """
     law, _ = scene_fields.ended((folder / LAW, folder / GRAINS))
     material, wanted = loaded.scene.material, judges.specimens or 0
-    store = packings_for(
-        judges.disks or SPECIMEN_PARTICLES, plan, material.normal_stiffness, material.stiffness_ratio
-    )
     places = {
         scene_fields.POINTS: law.places - _corner(law),
         scene_fields.NODES: np.asarray(law.mesh.points)[:, :2] - _corner(law),
     }
-    found: list[OneSpecimen] = []
-    lost: list[str] = []
-    with interrupt_request(screen.announce_stop) as stop, screen.progress("specimens", float(wanted)) as advance:
-        for number in range(wanted):
-            seed = number + 1
+    task = SpecimenTask(
+        0, judges.disks or SPECIMEN_PARTICLES, plan, material.normal_stiffness, material.stiffness_ratio, law.at,
+        places, len(law.places),
+    )  # fmt: skip
+    function = f"{specimen_task.__name__}:{specimen_task.carry_out.__name__}"
+    jobs = [
+        Job(f"specimen-{seed}", f"specimen {seed}", function, (replace(task, seed=seed),), ("dem",))
+        for seed in range(1, wanted + 1)
+    ]
+    done: dict[str, OneSpecimen | str] = {}
 
-            def tell(part: float, text: str, number: int = number) -> None:
-                advance(number + part, f"specimen {number + 1} of {wanted}, {text}")
+    def follow(job: Job, ended: Ended) -> list[Job]:
+        if ended.error is not None:
+            done[job.key] = str(ended.error)
+        elif ended.value is not None:
+            done[job.key] = ended.value
+        return []
 
-            tell(0.0, "packing")
-            try:
-                packing = store.at_rest(seed)
-                found.append(compressed(packing, plan, law.at, places, len(law.places), tell, stop))
-            except (
-                RunError, PackingError, ProbeError, SampleError, CellTooSmallError, UnstableMotionError, MembraneError
-            ) as error:  # fmt: skip
-                if stop():
-                    record.outcome, record.message = "stopped", "stopped while specimens were compressed"
-                    break
-                lost.append(f"specimen {number + 1}: {error}")
+    with (
+        interrupt_request(screen.announce_stop) as stop,
+        choice.engine(folder, screen, stop, wanted) as engine,
+        screen.progress("specimens", float(wanted)) as advance,
+    ):
+        screen.say(f"{wanted} specimens; {engine.text}")
+        engine.carry_out(jobs, follow, lambda work: advance(len(done) + sum(work.values()), "; ".join(work)), stop)
+        if stop.requested and len(done) < wanted:
+            record.outcome, record.message = "stopped", "stopped while specimens were compressed"
+    # in the order of their seeds, whoever was first
+    ended = [(job.text, done[job.key]) for job in jobs if job.key in done]
+    found = [one for _, one in ended if isinstance(one, OneSpecimen)]
+    lost = [f"{name}: {one}" for name, one in ended if isinstance(one, str)]
     for text in lost:
         screen.say(text, insist=True)
     record.details["specimens"] = {

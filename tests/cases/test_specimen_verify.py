@@ -11,10 +11,12 @@ import pytest
 from PIL import Image
 
 from granfabric.cases.commands.verify_scene import Judges, run_verify_scene
-from granfabric.cases.errors import InputError
+from granfabric.cases.engine.choice import Choice
+from granfabric.cases.errors import InputError, RunError
 from granfabric.cases.records import files
 from granfabric.cases.scene.reader import load
 from granfabric.cases.terminal.screen import Screen
+from granfabric.cases.verify import specimen_task
 from granfabric.cases.verify.scene_plan import SpecimenPlan, plan_of
 from granfabric.cases.verify.scene_specimens import with_error
 
@@ -61,7 +63,9 @@ def test_what_specimens_cannot_follow_is_refused_for_them_alone(
     assert not (tmp_path / "out").exists()
 
 
-def test_three_judges_in_one_table(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_three_judges_in_one_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("granfabric.cases.engine.choice.cores", lambda: 1)  # specimens in this process
     judges = Judges(specimens=2, disks=120, measured=True)
     record = run_verify_scene("biaxial_smooth", tmp_path, 60, 2, QUICK, Screen(quiet=True), judges=judges)
     assert record.outcome == "finished", record.message
@@ -79,6 +83,29 @@ def test_three_judges_in_one_table(tmp_path: Path) -> None:
     measured = tomllib.loads((tmp_path / "material.toml").read_text())["material"]
     law = tomllib.loads((tmp_path / "law" / "scene.toml").read_text())["material"]
     assert law["coordination"] == measured["coordination"] != load("biaxial_smooth").scene.material.coordination
+
+
+@pytest.mark.slow
+def test_results_do_not_depend_on_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    judges = Judges(specimens=3, disks=120)
+    monkeypatch.setattr("granfabric.cases.engine.choice.cores", lambda: 1)
+    tables = []
+    for name, choice in (("one", None), ("two", Choice(workers=2))):
+        given = (tmp_path / name, 60, 2, QUICK, Screen(quiet=True))
+        assert run_verify_scene("biaxial_smooth", *given, judges=judges, choice=choice).outcome == "finished"
+        tables.append((tmp_path / name / "scene_comparison.csv").read_bytes())
+    assert tables[0] == tables[1]
+
+
+def test_a_specimen_that_does_not_come_to_rest_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*arguments: object) -> None:
+        raise RunError("a specimen was given up: it moves")
+
+    monkeypatch.setattr(specimen_task, "compressed", fails)
+    plan = SpecimenPlan(1.0, 1.0, 1e5, False, {"a": 1e-4})
+    task = specimen_task.SpecimenTask(1, 60, plan, 1e9, 1.0, ("a", 1.0), {}, 1)
+    assert specimen_task.carry_out(task, lambda part: None, lambda: False) == "a specimen was given up: it moves"
+    assert specimen_task.carry_out(task, lambda part: None, lambda: True) is None
 
 
 def test_mean_and_standard_error() -> None:
