@@ -81,6 +81,7 @@ def test_of_a_mesh(granfabric: Callable, tmp_path: Path) -> None:
     assert pictures(tmp_path) == {"mesh.svg"}
 
 
+@pytest.mark.slow
 def test_of_a_sweep_and_its_runs(granfabric: Callable, tmp_path: Path) -> None:
     """Also of those that other processes compute."""
     sweep = ("sweep", "p_constant", "--set", "path.0.increments=2,3", "-o", tmp_path / "out", "--workers", 2)

@@ -30,6 +30,7 @@ def run(folder: Path, *arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_the_example_and_the_commands_of_the_page_run(tmp_path: Path) -> None:
     """The Python example leaves `packing.data`, which the command of the page measures."""
     said = run(tmp_path, str(DOCS / "examples" / "own_packing.py"))
@@ -43,6 +44,7 @@ def test_the_example_and_the_commands_of_the_page_run(tmp_path: Path) -> None:
     assert (tmp_path / "results" / "packing" / "material.toml").is_file()
 
 
+@pytest.mark.slow
 def test_the_scene_of_the_page_runs(tmp_path: Path) -> None:
     for name in ("loose.toml", "sizes.csv"):
         shutil.copy(DOCS / "examples" / name, tmp_path)
