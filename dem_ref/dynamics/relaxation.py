@@ -202,6 +202,27 @@ class Relaxed:
     contacts: int
 
 
+def movable(
+    position: NDArray[np.float64], radius: NDArray[np.float64], cell: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Positions (n, 2), radii (n,) and cell (2, 2) as kernels need them that change the first and the last in place.
+
+    Raises
+    ------
+    SampleError
+        If an array has another shape or kind, cannot be written, shares memory with another, or a radius is not > 0.
+    """
+    n = len(disks(position, radius)[1])
+    radius = finite("radius", radius, (n,))
+    position = changed_in_place("position", position, (n, 2))
+    cell = changed_in_place("cell", cell, (2, 2))
+    if any(np.may_share_memory(*both) for both in ((position, cell), (position, radius), (cell, radius))):
+        raise SampleError("position, cell and radius must be arrays of their own, but two of them share memory")
+    if not n or not radius.min() > 0.0:
+        raise SampleError("disks that come to rest need positive radii")
+    return position, radius, cell
+
+
 def relax(
     position: NDArray[np.float64],
     radius: NDArray[np.float64],
@@ -232,14 +253,8 @@ def relax(
         If an array has another shape or kind, cannot be written, or a number is out of bounds.
     CellTooSmallError
     """
-    n = len(disks(position, radius)[1])
-    radius = finite("radius", radius, (n,))
-    position = changed_in_place("position", position, (n, 2))
-    cell = changed_in_place("cell", cell, (2, 2))
-    if any(np.may_share_memory(*both) for both in ((position, cell), (position, radius), (cell, radius))):
-        raise SampleError("position, cell and radius must be arrays of their own, but two of them share memory")
-    if not n or not radius.min() > 0.0:
-        raise SampleError("a relaxation needs disks with positive radii")
+    position, radius, cell = movable(position, radius, cell)
+    n = len(radius)
     pressure = number("pressure", pressure, 0.0, 1e3)
     tolerance = number("tolerance", tolerance, 0.0, 1e3)
     skin = number("skin", skin, 1e-6, 10.0)

@@ -20,12 +20,12 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from granfabric.dem_ref.arrays import SampleError, changed_in_place, disks, finite, number, whole
+from granfabric.dem_ref.arrays import number, whole
 from granfabric.dem_ref.compilation import compiled
 from granfabric.dem_ref.sample.neighbours import find_near_pairs, most_neighbours
 from granfabric.dem_ref.threads import Faster, two_threads
 
-from .relaxation import CONTACT_FORCE, CONTACTS, LARGEST_STEP, TRAVEL, UNBALANCED, Relaxed, into_cell
+from .relaxation import CONTACT_FORCE, CONTACTS, LARGEST_STEP, TRAVEL, UNBALANCED, Relaxed, into_cell, movable
 
 DRAG = 0.0015
 """A step multiplies free velocities by ``(1 - drag)/(1 + drag)``. A third of it leaves the disks in motion for ever,
@@ -236,14 +236,8 @@ def settle(
         If an array has another shape or kind, cannot be written, or a number is out of bounds.
     CellTooSmallError
     """
-    n = len(disks(position, radius)[1])
-    radius = finite("radius", radius, (n,))
-    position = changed_in_place("position", position, (n, 2))
-    cell = changed_in_place("cell", cell, (2, 2))
-    if any(np.may_share_memory(*both) for both in ((position, cell), (position, radius), (cell, radius))):
-        raise SampleError("position, cell and radius must be arrays of their own, but two of them share memory")
-    if not n or not radius.min() > 0.0:
-        raise SampleError("disks that settle need positive radii")
+    position, radius, cell = movable(position, radius, cell)
+    n = len(radius)
     pressure = number("pressure", pressure, 1e-300, 1e3)
     tolerance = number("tolerance", tolerance, 0.0, 1e3)
     drag = number("drag", drag, 0.0, 0.5)
